@@ -1,0 +1,14 @@
+//! The chained log: what happened, in order, so that nobody can change it afterwards without being seen.
+//!
+//! Every [`Event`] carries its sequence number and the hash of its predecessor. Every change of a process value (a tool offset, a work
+//! offset, a setting) goes through one function, [`change`], and is an event: who, when, why, before, after. The store only keeps what
+//! this crate makes; it invents no events of its own.
+//!
+//! Why a crate of its own: machine, sizing, trace and store all write events and none of them may own the chain
+//! (`docs/decisions/0001-ledger.md`).
+
+mod change;
+mod event;
+
+pub use change::{Change, ChangeError, ChangeRequest, Registers, change};
+pub use event::{Broken, Chain, Event, Hash, verify};

@@ -1,0 +1,100 @@
+//! What the machine is told: set-points, one a cycle, and the switching in between.
+
+use units::{Rpm, StepId, ToolNumber, WorkingstepId};
+
+/// Where the axes shall be at one servo cycle.
+///
+/// Carries speed and acceleration for the feed-forward of the servo loop, the step for the record, and the path length, so that hold
+/// and stop can slow time along the path instead of leaving it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SetPoint {
+    /// Gauge-point position of each axis, machine frame, mm.
+    pub position: [f64; 3],
+    /// Speed of each axis, mm/s.
+    pub velocity: [f64; 3],
+    /// Acceleration of each axis, mm/s^2.
+    pub acceleration: [f64; 3],
+    /// The step this belongs to.
+    pub step: StepId,
+    /// Path length since the start of the program, mm; never falls.
+    pub path_length: f64,
+    /// Speed along the path, mm/s.
+    pub path_speed: f64,
+}
+
+/// One entry of the stream from planner to machine, in order of execution. Everything but a set-point is done at rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Command {
+    /// Be here at the next cycle.
+    SetPoint(SetPoint),
+    /// Turn the spindle and wait until it is at speed.
+    Spindle {
+        /// How.
+        spindle: SpindleCommand,
+        /// The step that says so.
+        step: StepId,
+    },
+    /// Follow this spindle speed without waiting: constant surface speed along a path.
+    SpindleSpeed(Rpm),
+    /// Open and close coolant outlets; not waited for.
+    Coolant {
+        /// Which are open.
+        outlets: CoolantOutlets,
+        /// The step that says so.
+        step: StepId,
+    },
+    /// Change the tool; takes the machine's tool-change time.
+    Tool {
+        /// Which comes in.
+        tool: ToolNumber,
+        /// The step that says so.
+        step: StepId,
+    },
+    /// Stand still for a number of cycles.
+    Dwell {
+        /// How many.
+        cycles: u32,
+        /// The step that says so.
+        step: StepId,
+    },
+    /// From here on samples belong to this workingstep.
+    Workingstep {
+        /// Which; 0 is none.
+        workingstep: WorkingstepId,
+        /// The step that says so.
+        step: StepId,
+    },
+    /// Stop and wait for cycle start.
+    Pause {
+        /// The step that says so.
+        step: StepId,
+    },
+    /// The program is over: spindle and coolant off.
+    End {
+        /// The last step.
+        step: StepId,
+    },
+}
+
+/// What the spindle is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum SpindleCommand {
+    /// Stand.
+    #[default]
+    Stop,
+    /// Turn clockwise (M3).
+    Clockwise(Rpm),
+    /// Turn counterclockwise (M4).
+    Counterclockwise(Rpm),
+}
+
+/// Which coolant outlets are open.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CoolantOutlets {
+    /// Flood.
+    pub flood: bool,
+    /// Mist.
+    pub mist: bool,
+    /// Through the spindle.
+    pub through: bool,
+}
