@@ -104,6 +104,9 @@ pub struct Interrupted {
     pub last_step: Option<u64>,
     /// Unfinished files in its folder and at its record's place; nothing refers to them.
     pub unfinished: Vec<PathBuf>,
+    /// Its record, when that is whole and only the catalogue does not know it yet: open it with [`crate::record::Reader`] and hand its
+    /// `finished()` to [`DataDirectory::catalogue`].
+    pub uncatalogued: Option<PathBuf>,
 }
 
 impl fmt::Display for Interrupted {
@@ -228,6 +231,7 @@ impl DataDirectory {
                 .optional()
                 .map_err(self.failed())?;
             let record = self.record_path(&job.machine, job.start, job.id);
+            let known = self.records()?.iter().any(|row| row.path == record);
             let mut unfinished: Vec<PathBuf> = [crate::whole_file::temporary_name(&record)]
                 .into_iter()
                 .filter(|p| p.exists())
@@ -237,6 +241,7 @@ impl DataDirectory {
                 last_event: self.last_event(log)?,
                 last_step: step.and_then(|s| u64::try_from(s).ok()),
                 unfinished,
+                uncatalogued: (record.exists() && !known).then_some(record),
                 job,
             })
         })
@@ -382,7 +387,9 @@ mod tests {
         let job = directory.begin_job(&new_job()).expect("begins").id;
         let mut chain = Chain::default();
         let [one, two, three] = [1, 2, 3].map(|k| chain.append(Timestamp(k), "test", BTreeMap::new()));
-        directory.append_job_events(job, &[one.clone()]).expect("the first");
+        directory
+            .append_job_events(job, std::slice::from_ref(&one))
+            .expect("the first");
         assert!(matches!(
             directory.append_job_events(job, &[two.clone(), one]),
             Err(StoreError::Broken { .. })

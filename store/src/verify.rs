@@ -131,7 +131,7 @@ impl DataDirectory {
     fn verify_records(&self, told: &Told, findings: &mut Vec<Finding>) -> Result<(), StoreError> {
         let rows = || -> rusqlite::Result<Vec<BTreeMap<String, Value>>> {
             let mut statement = self.database.prepare("SELECT * FROM records ORDER BY sequence")?;
-            statement.query_map([], |row| catalogue::detail_of(row))?.collect()
+            statement.query_map([], catalogue::detail_of)?.collect()
         };
         let rows = rows().map_err(self.failed())?;
         for n in 0..rows.len().max(told.records.len()) {

@@ -7,7 +7,7 @@ use crate::StoreError;
 use ledger::Hash;
 use sha2::{Digest, Sha256};
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// A file in the making. Dropped before [`WholeFile::finish`], it is removed; killed, it stays as `.tmp`.
@@ -45,6 +45,11 @@ impl WholeFile {
             length: 0,
             finished: false,
         })
+    }
+
+    /// Length and hash of what was written so far.
+    pub(crate) fn so_far(&self) -> (u64, Hash) {
+        (self.length, Hash(self.hasher.clone().finalize().into()))
     }
 
     /// Makes it last: content, then name. Gives length and hash.
@@ -108,14 +113,19 @@ pub(crate) fn sync_folder_of(path: &Path) -> Result<(), StoreError> {
 /// The hash of a file's content, read in windows.
 pub(crate) fn hash_of_file(path: &Path) -> Result<Hash, StoreError> {
     let mut file = File::open(path).map_err(StoreError::io("open", path))?;
+    hash_of(&mut file).map_err(StoreError::io("read", path))
+}
+
+/// The hash of everything that a reader gives, read in windows.
+pub(crate) fn hash_of(reader: &mut impl Read) -> io::Result<Hash> {
     let mut hasher = Sha256::new();
     let mut window = vec![0; 1 << 16];
     loop {
-        match io::Read::read(&mut file, &mut window) {
+        match reader.read(&mut window) {
             Ok(0) => return Ok(Hash(hasher.finalize().into())),
             Ok(n) => hasher.update(&window[..n]),
             Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
-            Err(e) => return Err(StoreError::io("read", path)(e)),
+            Err(e) => return Err(e),
         }
     }
 }

@@ -1,30 +1,42 @@
 //! Reads a record back, batch by batch or row by row.
 
 use super::schema::{self, Header, key};
+use super::writer::Finished;
 use crate::StoreError;
+use crate::whole_file::{hash_of, hash_of_file};
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Int32Type, Int64Type, TimestampMicrosecondType, UInt8Type};
 use arrow_array::{Array, Int32Array, RecordBatch};
 use arrow_schema::{DataType, Schema};
 use ledger::{Event, Hash};
 use machine::{Phase, Quality};
-use parquet::arrow::arrow_reader::{ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder};
+use parquet::arrow::arrow_reader::{
+    ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
+};
+use parquet::file::metadata::ParquetMetaDataReader;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use units::{StepId, Tick, Timestamp, ToolNumber, WorkingstepId};
 
 /// An open record.
-#[derive(Debug)]
 pub struct Reader {
     path: PathBuf,
     file: File,
+    arrow: ArrowReaderMetadata,
     header: Header,
     metadata: BTreeMap<String, String>,
     columns: Vec<Column>,
     rows: u64,
+}
+
+impl std::fmt::Debug for Reader {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Reader({}, {} rows)", self.path.display(), self.rows)
+    }
 }
 
 /// A column of readings: `value = raw * scale + offset`, in `unit`.
@@ -84,43 +96,42 @@ const COMMANDED: [&str; 3] = ["X.POSITION.COMMANDED", "Y.POSITION.COMMANDED", "Z
 const ACTUAL: [&str; 3] = ["X.POSITION.ACTUAL", "Y.POSITION.ACTUAL", "Z.POSITION.ACTUAL"];
 
 impl Reader {
-    /// Opens a record and reads what it says about itself.
+    /// Opens a record, holds its content against the hashes it carries, and reads what it says about itself.
     ///
     /// # Errors
     /// It cannot be opened, it is no Parquet file, it is cut or changed, or it is Parquet but not a record of ours.
     pub fn open(path: &Path) -> Result<Reader, StoreError> {
-        let mut file = File::open(path).map_err(StoreError::io("open", path))?;
-        let mut mark = [0; 4];
-        let marked = file.read_exact(&mut mark).is_ok() && mark == *b"PAR1";
-        file.rewind().map_err(StoreError::io("read", path))?;
-        if !marked {
-            return Err(StoreError::NotARecord {
-                path: path.to_owned(),
-                what: "it does not begin as a Parquet file".to_owned(),
-            });
-        }
-        let (schema, metadata, rows) = guarded(path, || {
-            let builder = builder(&file)?;
-            let file = builder.metadata().file_metadata();
-            let pairs = file.key_value_metadata().into_iter().flatten();
-            let metadata = pairs
-                .map(|kv| (kv.key.clone(), kv.value.clone().unwrap_or_default()))
-                .collect();
-            Ok((
-                builder.schema().clone(),
-                metadata,
-                u64::try_from(file.num_rows()).unwrap_or(0),
-            ))
-        })?;
         let not_ours = |what: String| StoreError::NotARecord {
             path: path.to_owned(),
             what,
         };
+        let mut file = File::open(path).map_err(StoreError::io("open", path))?;
+        let mut mark = [0; 4];
+        let marked = file.read_exact(&mut mark).is_ok() && mark == *b"PAR1";
+        if !marked {
+            return Err(not_ours("it does not begin as a Parquet file".to_owned()));
+        }
+        // First what the footer alone says, with a decoder that only gives errors; the Arrow schema inside the metadata is decoded by
+        // one that panics on a flipped bit, so the metadata is held against its digest before.
+        let footer = guarded(path, || ParquetMetaDataReader::new().parse_and_finish(&file))?;
+        let pairs = footer.file_metadata().key_value_metadata().into_iter().flatten();
+        let metadata: BTreeMap<String, String> = pairs
+            .map(|kv| (kv.key.clone(), kv.value.clone().unwrap_or_default()))
+            .collect();
         let header = header_of(&metadata).map_err(not_ours)?;
-        let columns = columns_of(&schema).map_err(not_ours)?;
+        check_hashes(&mut file, &metadata).map_err(|what| StoreError::Damaged {
+            path: path.to_owned(),
+            what,
+        })?;
+        let rows = u64::try_from(footer.file_metadata().num_rows()).unwrap_or(0);
+        let arrow = guarded(path, || {
+            ArrowReaderMetadata::try_new(Arc::new(footer), ArrowReaderOptions::new())
+        })?;
+        let columns = columns_of(arrow.schema()).map_err(not_ours)?;
         Ok(Reader {
             path: path.to_owned(),
             file,
+            arrow,
             header,
             metadata,
             columns,
@@ -164,6 +175,37 @@ impl Reader {
         Ok(events)
     }
 
+    /// The hash of the whole file, to be held against the catalogue.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn hash(&self) -> Result<Hash, StoreError> {
+        hash_of_file(&self.path)
+    }
+
+    /// What the writer would have said of it, for a record that was finished by a process that could not catalogue it any more.
+    ///
+    /// # Errors
+    /// The disk refuses, or the file is damaged.
+    pub fn finished(&self) -> Result<Finished, StoreError> {
+        let mut span_us = None;
+        for batch in self.batches()? {
+            let rows = batch?.rows();
+            if let (Some(first), Some(last)) = (rows.first(), rows.last()) {
+                let (from, _) = span_us.unwrap_or((first.at.micros(), 0));
+                span_us = Some((from, last.at.micros()));
+            }
+        }
+        Ok(Finished {
+            path: self.path.clone(),
+            rows: self.rows,
+            span_us,
+            bytes: self.path.metadata().map_err(StoreError::io("read", &self.path))?.len(),
+            hash: self.hash()?,
+            unavailable: self.metadata.get(key::UNAVAILABLE).and_then(|n| n.parse().ok()).unwrap_or(0),
+        })
+    }
+
     /// All rows, in order.
     ///
     /// # Errors
@@ -185,7 +227,11 @@ impl Reader {
     /// As [`Reader::rows`].
     pub fn batches(&self) -> Result<impl Iterator<Item = Result<Batch, StoreError>> + use<>, StoreError> {
         let path = self.path.clone();
-        let mut reader = Some(guarded(&path, || builder(&self.file)?.with_batch_size(schema::PAGE).build())?);
+        let mut reader = Some(guarded(&path, || {
+            ParquetRecordBatchReaderBuilder::new_with_metadata(self.file.try_clone()?, self.arrow.clone())
+                .with_batch_size(schema::PAGE)
+                .build()
+        })?);
         let columns = self.columns.clone();
         Ok(std::iter::from_fn(move || {
             let next = next_batch(&path, reader.as_mut()?).transpose()?;
@@ -277,16 +323,12 @@ impl Batch {
     }
 }
 
-fn builder(file: &File) -> parquet::errors::Result<ParquetRecordBatchReaderBuilder<File>> {
-    ParquetRecordBatchReaderBuilder::try_new(file.try_clone()?)
-}
-
 fn next_batch(path: &Path, reader: &mut ParquetRecordBatchReader) -> Result<Option<RecordBatch>, StoreError> {
     guarded(path, || Ok(reader.next().transpose()?))
 }
 
-/// Runs the Parquet decoder on bytes of unknown health. It is known to panic on some damaged files; that is a damaged file and not a
-/// fault of ours.
+/// Runs the Parquet decoder on bytes of unknown health. Damage by accident is found by the hashes before; a file made to hurt may still
+/// bring the decoder to a panic, and that is a damaged file and not a fault of ours.
 fn guarded<T>(path: &Path, work: impl FnOnce() -> parquet::errors::Result<T>) -> Result<T, StoreError> {
     let damaged = |what: String| StoreError::Damaged {
         path: path.to_owned(),
@@ -295,6 +337,28 @@ fn guarded<T>(path: &Path, work: impl FnOnce() -> parquet::errors::Result<T>) ->
     match catch_unwind(AssertUnwindSafe(work)) {
         Ok(done) => done.map_err(|e| damaged(e.to_string())),
         Err(_) => Err(damaged("the Parquet decoder gave up on it".to_owned())),
+    }
+}
+
+/// Holds metadata and data against the hashes in the metadata.
+fn check_hashes(file: &mut File, metadata: &BTreeMap<String, String>) -> Result<(), String> {
+    let said = |key: &str| metadata.get(key).ok_or_else(|| format!("its metadata has no {key}"));
+    if *said(key::DIGEST)? != schema::digest(metadata).to_string() {
+        return Err("its metadata is not what was written".to_owned());
+    }
+    let data = said(key::DATA)?;
+    let (length, hash) = data
+        .split_once(' ')
+        .ok_or("its metadata does not tell the hash of its data")?;
+    let length = length
+        .parse()
+        .map_err(|_| "its metadata does not tell the length of its data")?;
+    file.rewind().map_err(|e| e.to_string())?;
+    let found = hash_of(&mut file.take(length)).map_err(|e| e.to_string())?;
+    if found.to_string() == hash {
+        Ok(())
+    } else {
+        Err("its rows are not what was written".to_owned())
     }
 }
 
@@ -385,14 +449,4 @@ fn quality_of(number: u8) -> Quality {
         .into_iter()
         .find(|q| *q as u8 == number)
         .unwrap_or(Unavailable)
-}
-
-impl Reader {
-    /// The hash of the whole file, to be held against the catalogue.
-    ///
-    /// # Errors
-    /// The disk refuses.
-    pub fn hash(&self) -> Result<Hash, StoreError> {
-        crate::whole_file::hash_of_file(&self.path)
-    }
 }

@@ -1,13 +1,14 @@
 //! The columns and the metadata of a record file; the one place that writer and reader share.
 
 use arrow_schema::{DataType, Field, Schema, TimeUnit};
+use ledger::Hash;
 use machine::CHANNELS;
 use parquet::basic::{Compression, Encoding, ZstdLevel};
 use parquet::errors::Result;
 use parquet::file::metadata::{KeyValue, SortingColumn};
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::schema::types::ColumnPath;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use units::Timestamp;
 
@@ -45,6 +46,12 @@ pub(super) mod key {
     pub const ROWS: &str = "toolmark.rows";
     pub const UNAVAILABLE: &str = "toolmark.unavailable_values";
     pub const EVENTS: &str = "toolmark.events";
+    /// Length and SHA-256 of everything before the Parquet footer.
+    pub const DATA: &str = "toolmark.data";
+    /// SHA-256 of all other pairs of the metadata.
+    pub const DIGEST: &str = "toolmark.metadata_sha256";
+    /// Where the Parquet library keeps the Arrow schema.
+    pub const ARROW_SCHEMA: &str = "ARROW:schema";
     /// Keys of a column's metadata.
     pub const UNIT: &str = "unit";
     pub const SCALE: &str = "scale";
@@ -99,7 +106,12 @@ pub(super) fn properties(header: &Header) -> Result<WriterProperties> {
             descending: false,
             nulls_first: false,
         }]))
-        .set_key_value_metadata(Some(metadata(header)));
+        .set_key_value_metadata(Some(
+            metadata(header)
+                .into_iter()
+                .map(|(key, value)| KeyValue::new(key, value))
+                .collect(),
+        ));
     // Few different values in long runs.
     for name in [WORKINGSTEP, TOOL, PHASE, QUALITY] {
         builder = builder.set_column_dictionary_enabled(ColumnPath::from(name), true);
@@ -107,7 +119,8 @@ pub(super) fn properties(header: &Header) -> Result<WriterProperties> {
     Ok(builder.build())
 }
 
-fn metadata(header: &Header) -> Vec<KeyValue> {
+/// What the file says about itself before its first row.
+pub(super) fn metadata(header: &Header) -> BTreeMap<String, String> {
     let start = jiff::Timestamp::from_nanosecond(i128::from(header.start.0)).map_or_else(|_| String::new(), |t| t.to_string());
     [
         (key::LAYOUT, LAYOUT.to_owned()),
@@ -120,7 +133,18 @@ fn metadata(header: &Header) -> Vec<KeyValue> {
         (key::FRAME, "machine".to_owned()),
         (key::LENGTH_UNIT, "mm".to_owned()),
     ]
-    .into_iter()
-    .map(|(key, value)| KeyValue::new(key.to_owned(), value))
-    .collect()
+    .map(|(key, value)| (key.to_owned(), value))
+    .into()
+}
+
+/// The hash of all pairs but itself. A flipped bit in a Parquet footer is otherwise read as good, or makes the decoder panic.
+pub(super) fn digest(metadata: &BTreeMap<String, String>) -> Hash {
+    let mut bytes = Vec::new();
+    for (key, value) in metadata.iter().filter(|(key, _)| *key != key::DIGEST) {
+        for text in [key, value] {
+            bytes.extend((text.len() as u64).to_le_bytes());
+            bytes.extend(text.as_bytes());
+        }
+    }
+    Hash::of(&bytes)
 }

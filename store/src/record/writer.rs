@@ -7,9 +7,10 @@ use arrow_array::builder::{Int32Builder, Int64Builder, TimestampMicrosecondBuild
 use arrow_array::{ArrayRef, RecordBatch};
 use ledger::{Event, Hash};
 use machine::{CHANNELS, Sample};
-use parquet::arrow::ArrowWriter;
+use parquet::arrow::{ArrowWriter, encode_arrow_schema};
 use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use units::{Tick, Timestamp};
@@ -21,6 +22,7 @@ pub struct Writer {
     path: PathBuf,
     start: Timestamp,
     parquet: ArrowWriter<WholeFile>,
+    metadata: BTreeMap<String, String>,
     rows: Rows,
     written: u64,
     first: Option<Tick>,
@@ -54,9 +56,13 @@ impl Writer {
         let unwritable = unwritable(path);
         let file = WholeFile::create(path)?;
         let properties = schema::properties(header).map_err(&unwritable)?;
+        let mut metadata = schema::metadata(header);
+        // The library adds this pair by itself; the digest has to cover it.
+        metadata.insert(key::ARROW_SCHEMA.to_owned(), encode_arrow_schema(&schema::arrow_schema()));
         Ok(Writer {
             path: path.to_owned(),
             start: header.start,
+            metadata,
             parquet: ArrowWriter::try_new(file, schema::arrow_schema(), Some(properties)).map_err(&unwritable)?,
             rows: Rows::new(),
             written: 0,
@@ -135,12 +141,22 @@ impl Writer {
     pub fn finish(mut self, events: &[Event]) -> Result<Finished, StoreError> {
         self.flush()?;
         let unwritable = unwritable(&self.path);
-        let events = serde_json::to_string(events).expect("events are maps with text keys, always JSON");
-        for (key, value) in [
+        self.parquet.flush().map_err(&unwritable)?;
+        self.parquet.sync().map_err(StoreError::io("write", &self.path))?;
+        let (length, data) = self.parquet.inner().so_far();
+        let mut late = BTreeMap::from([
             (key::ROWS, self.written.to_string()),
             (key::UNAVAILABLE, self.unavailable.to_string()),
-            (key::EVENTS, events),
-        ] {
+            (
+                key::EVENTS,
+                serde_json::to_string(events).expect("events are maps with text keys, always JSON"),
+            ),
+            (key::DATA, format!("{length} {data}")),
+        ]);
+        let mut all = self.metadata;
+        all.extend(late.iter().map(|(key, value)| ((*key).to_owned(), value.clone())));
+        late.insert(key::DIGEST, schema::digest(&all).to_string());
+        for (key, value) in late {
             self.parquet.append_key_value_metadata(KeyValue::new(key.to_owned(), value));
         }
         let (bytes, hash) = self.parquet.into_inner().map_err(unwritable)?.finish()?;
