@@ -9,7 +9,9 @@
 //! lock                                    held by the one process that works here
 //! ```
 
+use crate::whole_file::{WholeFile, hash_of_file};
 use crate::{JobId, StoreError, schema};
+use ledger::Hash;
 use rusqlite::Connection;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -87,6 +89,22 @@ impl DataDirectory {
     /// Where programs are kept.
     pub fn programs(&self) -> PathBuf {
         self.root.join("programs")
+    }
+
+    /// Keeps the bytes of a program under their hash, so that a job's program can be looked up after the file was edited:
+    /// `programs/<hash>/<name>`. Kept already, it stays as it is.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn keep_program(&self, name: &str, bytes: &[u8]) -> Result<(PathBuf, Hash), StoreError> {
+        let hash = Hash::of(bytes);
+        let path = self.programs().join(hash.to_string()).join(folder_name(name));
+        if !(path.exists() && hash_of_file(&path)? == hash) {
+            let mut file = WholeFile::create(&path)?;
+            file.write_all(bytes).map_err(StoreError::io("write", &path))?;
+            file.finish()?;
+        }
+        Ok((path, hash))
     }
 
     /// Where the record of a job goes: `records/<machine>/<yyyy-mm-dd>/job-000007.parquet`, the day in UTC.
@@ -244,6 +262,20 @@ mod tests {
         assert!(refused.to_string().contains("in use by toolmark serve (process"), "{refused}");
         drop(first);
         DataDirectory::open(folder.path(), "toolmark run").expect("free again");
+    }
+
+    #[test]
+    fn a_program_is_kept_by_its_hash_and_mended_when_it_was_changed() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let directory = DataDirectory::open(folder.path(), "test").expect("free");
+        let (path, hash) = directory.keep_program("a/part.nc", b"G0 X0").expect("kept");
+        assert!(path.ends_with(format!("programs/{hash}/a_part.nc")), "{}", path.display());
+        std::fs::write(&path, "G0 X1").expect("edited");
+        assert_eq!(
+            directory.keep_program("a/part.nc", b"G0 X0").expect("kept"),
+            (path.clone(), hash)
+        );
+        assert_eq!(std::fs::read(&path).expect("reads"), b"G0 X0");
     }
 
     #[test]

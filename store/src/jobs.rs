@@ -27,27 +27,39 @@ impl fmt::Display for JobId {
 pub enum JobState {
     /// It runs, or it was interrupted and nobody has said so yet.
     Running,
+    /// It is over.
+    Over(Ending),
+}
+
+/// How a job ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
     /// It came to its end.
     Done,
-    /// It ended by an alarm, a stop or a fault.
+    /// By an alarm, a stop or a fault.
     Failed,
     /// The process that ran it went away.
     Interrupted,
 }
 
 impl JobState {
+    const ALL: [JobState; 4] = [
+        JobState::Running,
+        JobState::Over(Ending::Done),
+        JobState::Over(Ending::Failed),
+        JobState::Over(Ending::Interrupted),
+    ];
     /// The word in table and JSON.
     pub fn word(self) -> &'static str {
         match self {
             JobState::Running => "running",
-            JobState::Done => "done",
-            JobState::Failed => "failed",
-            JobState::Interrupted => "interrupted",
+            JobState::Over(Ending::Done) => "done",
+            JobState::Over(Ending::Failed) => "failed",
+            JobState::Over(Ending::Interrupted) => "interrupted",
         }
     }
     fn from_word(word: &str) -> Option<JobState> {
-        use JobState::*;
-        [Running, Done, Failed, Interrupted].into_iter().find(|s| s.word() == word)
+        Self::ALL.into_iter().find(|s| s.word() == word)
     }
 }
 
@@ -186,9 +198,10 @@ impl DataDirectory {
     ///
     /// # Errors
     /// It is over already, or the disk refuses.
-    pub fn end_job(&mut self, id: JobId, end: Timestamp, state: JobState) -> Result<(), StoreError> {
+    pub fn end_job(&mut self, id: JobId, end: Timestamp, ending: Ending) -> Result<(), StoreError> {
         self.running_job(id)?;
         let failed = self.failed();
+        let state = JobState::Over(ending);
         let last = end_of(&self.database, Log::Job(id)).map_err(failed)??;
         self.in_transaction(|transaction, chain| {
             transaction.execute(
@@ -209,7 +222,7 @@ impl DataDirectory {
     }
 
     /// Jobs that ran when their process went away. They stay on this list until somebody has seen them and [`DataDirectory::end_job`]
-    /// says `Interrupted`.
+    /// says [`Ending::Interrupted`].
     ///
     /// # Errors
     /// The disk refuses, or a row is not readable.
@@ -276,7 +289,7 @@ impl DataDirectory {
         let job = self.job(id)?;
         match job.state {
             JobState::Running => Ok(job),
-            _ => Err(StoreError::JobIsOver(id)),
+            JobState::Over(_) => Err(StoreError::JobIsOver(id)),
         }
     }
 
@@ -336,16 +349,16 @@ mod tests {
         assert_eq!(job.seed, u64::MAX);
         assert_eq!(directory.interrupted_jobs().expect("reads"), []);
         directory
-            .end_job(job.id, Timestamp(1_795_132_801_000_000_000), JobState::Done)
+            .end_job(job.id, Timestamp(1_795_132_801_000_000_000), Ending::Done)
             .expect("ends");
         assert!(matches!(
-            directory.end_job(job.id, Timestamp(0), JobState::Done),
+            directory.end_job(job.id, Timestamp(0), Ending::Done),
             Err(StoreError::JobIsOver(_))
         ));
         drop(directory);
         let directory = DataDirectory::open(folder.path(), "test").expect("free");
         assert_eq!(directory.interrupted_jobs().expect("reads"), []);
-        assert_eq!(directory.job(job.id).expect("reads").state, JobState::Done);
+        assert_eq!(directory.job(job.id).expect("reads").state, JobState::Over(Ending::Done));
         assert_eq!(directory.verify().expect("verifies"), []);
     }
 
@@ -375,7 +388,7 @@ mod tests {
             "{text}"
         );
         assert!(text.contains("record.parquet.tmp is unfinished"), "{text}");
-        directory.end_job(job.id, at, JobState::Interrupted).expect("seen");
+        directory.end_job(job.id, at, Ending::Interrupted).expect("seen");
         assert_eq!(directory.interrupted_jobs().expect("reads"), []);
         assert_eq!(directory.verify().expect("verifies"), []);
     }

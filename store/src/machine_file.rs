@@ -459,4 +459,18 @@ mod tests {
             "4:10: unknown variant `magic`, expected `sim`",
         );
     }
+
+    proptest::proptest! {
+        /// Whatever a slip of the editor does to a good file: read, or refused with a place; never a panic.
+        #[test]
+        fn a_damaged_file_is_read_or_refused(at in 0.0..1.0_f64, length in 0usize..40, put in ".{0,6}") {
+            let text = BUILT_IN[1].1;
+            let from = (at * text.len() as f64) as usize;
+            let to = (from + length).min(text.len());
+            let damaged = format!("{}{put}{}", &text[..from], &text[to..]);
+            if let Err(refused) = MachineFile::parse(&damaged, "m.toml") {
+                proptest::prop_assert!(refused.to_string().starts_with("error: m.toml:"), "{refused}");
+            }
+        }
+    }
 }

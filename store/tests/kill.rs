@@ -12,7 +12,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use store::record::{Header, Reader, Writer};
-use store::{DataDirectory, JobState, Log, NewJob};
+use store::{DataDirectory, Ending, Log, NewJob};
 use units::{Tick, Timestamp};
 
 const DIRECTORY: &str = "STORE_TEST_KILLED_CHILD";
@@ -28,7 +28,7 @@ fn child() {
     let mut directory = DataDirectory::open(Path::new(&path), "the child").expect("the killed one's lock is free");
     for interrupted in directory.interrupted_jobs().expect("reads") {
         directory
-            .end_job(interrupted.job.id, START, JobState::Interrupted)
+            .end_job(interrupted.job.id, START, Ending::Interrupted)
             .expect("ends");
     }
     loop {
@@ -85,7 +85,7 @@ fn child() {
             .expect("finished");
         directory.catalogue(job, &finished, START).expect("catalogued");
         println!("\nrecord {}", path.display());
-        directory.end_job(job, START, JobState::Done).expect("ends");
+        directory.end_job(job, START, Ending::Done).expect("ends");
     }
 }
 

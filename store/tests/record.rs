@@ -7,7 +7,7 @@ use rand_core::{Rng, SeedableRng};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use store::record::{Finished, Header, Reader, Writer};
-use store::{DataDirectory, JobId, JobState, NewJob, StoreError};
+use store::{DataDirectory, Ending, JobId, NewJob, StoreError};
 use units::{StepId, Tick, Timestamp, ToolNumber, WorkingstepId};
 
 const START: Timestamp = Timestamp(1_795_132_800_000_000_000);
@@ -327,7 +327,7 @@ fn run_a_job(directory: &mut DataDirectory) -> (JobId, PathBuf) {
     let path = directory.record_path("sim-mill", START, job);
     let finished = write(&path, machine_like(1000));
     directory.catalogue(job, &finished, START).expect("catalogued");
-    directory.end_job(job, START, JobState::Done).expect("ends");
+    directory.end_job(job, START, Ending::Done).expect("ends");
     (job, path)
 }
 
