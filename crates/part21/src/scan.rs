@@ -1,0 +1,635 @@
+//! The one pass over a file: sections, instances, keywords and references.
+//!
+//! It looks at each byte once and parses no parameters. References are kept as a byte stream of differences (target minus own
+//! identifier, variable length): they are near their users, so most take one or two bytes, and the peak stays below half the file.
+
+use crate::column::Column;
+use crate::file::{Anchor, DataSection, External, ExternalName, HeaderEntry};
+use crate::keywords::Keywords;
+use crate::problem::{Problems, ReadError};
+use crate::value::{Parser, Value, is_word};
+use std::ops::Range;
+
+pub(crate) struct Scan {
+    pub(crate) ids: Column,
+    pub(crate) offsets: Column,
+    pub(crate) keywords: Vec<u16>,
+    pub(crate) names: Keywords,
+    /// Per instance, in file order: differences as variable-length numbers from 1, then 0.
+    pub(crate) forward: Vec<u8>,
+    pub(crate) reference_count: u64,
+    pub(crate) ascending: bool,
+    pub(crate) highest_id: u64,
+    pub(crate) header: Vec<HeaderEntry>,
+    pub(crate) data_sections: Vec<DataSection>,
+    pub(crate) anchors: Vec<Anchor>,
+    pub(crate) externals: Vec<External>,
+    pub(crate) signatures: Vec<Range<usize>>,
+    pub(crate) problems: Problems,
+}
+
+pub(crate) fn scan(bytes: &[u8]) -> Result<Scan, ReadError> {
+    let start = begin(bytes)?;
+    let mut scanner = Scanner {
+        text: Parser::new(bytes, start),
+        out: Scan {
+            ids: Column::new(),
+            offsets: Column::new(),
+            keywords: Vec::new(),
+            names: Keywords::new(),
+            forward: Vec::new(),
+            reference_count: 0,
+            ascending: true,
+            highest_id: 0,
+            header: Vec::new(),
+            data_sections: Vec::new(),
+            anchors: Vec::new(),
+            externals: Vec::new(),
+            signatures: Vec::new(),
+            problems: Problems::default(),
+        },
+        previous_id: None,
+    };
+    scanner.sections();
+    let mut out = scanner.out;
+    if u32::try_from(out.ids.len()).is_err() || u32::try_from(out.reference_count).is_err() {
+        return Err(ReadError::TooLarge);
+    }
+    out.ids.shrink();
+    out.offsets.shrink();
+    out.keywords.shrink_to_fit();
+    Ok(out)
+}
+
+/// Where the text begins (behind a byte order mark), or why this is no Part 21 file.
+fn begin(bytes: &[u8]) -> Result<usize, ReadError> {
+    let start = if bytes.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
+    if bytes.len() == start {
+        return Err(ReadError::Empty);
+    }
+    let mut text = Parser::new(bytes, start);
+    text.skip_blanks();
+    let rest = &bytes[text.at..];
+    let is = |word: &[u8]| rest.len() >= word.len() && rest[..word.len()].eq_ignore_ascii_case(word);
+    if is(b"ISO-10303-21") || is(b"HEADER;") {
+        return Ok(start);
+    }
+    let sample = &bytes[..bytes.len().min(4096)];
+    if let Some(offset) = sample
+        .iter()
+        .position(|&byte| byte == 0 || (byte < 0x20 && !byte.is_ascii_whitespace() && byte != 0x0b))
+    {
+        return Err(ReadError::Binary {
+            byte: sample[offset],
+            offset: offset as u64,
+        });
+    }
+    if rest.is_empty() {
+        return Err(ReadError::Empty);
+    }
+    Err(ReadError::NotPart21 {
+        beginning: String::from_utf8_lossy(&rest[..rest.len().min(40)]).into_owned(),
+    })
+}
+
+struct Scanner<'a> {
+    text: Parser<'a>,
+    out: Scan,
+    previous_id: Option<u64>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Section {
+    None,
+    Header,
+    Anchor,
+    Reference,
+    Data,
+}
+
+/// What a byte of an instance's body means to the scan.
+const CLASS: [bool; 256] = {
+    let mut class = [false; 256];
+    class[b'\'' as usize] = true;
+    class[b'#' as usize] = true;
+    class[b'/' as usize] = true;
+    class[b'(' as usize] = true;
+    class[b')' as usize] = true;
+    class[b';' as usize] = true;
+    class
+};
+
+/// How the scan of a body ended.
+enum Body {
+    /// Behind its semicolon.
+    Whole,
+    /// It is broken, reported, and the cursor is where reading goes on.
+    Broken,
+}
+
+impl Scanner<'_> {
+    fn sections(&mut self) {
+        let mut section = Section::None;
+        let mut opened_at = self.text.at;
+        let mut ended = false;
+        loop {
+            self.text.skip_blanks();
+            let at = self.text.at;
+            let Some(byte) = self.text.peek() else { break };
+            if byte == b'#' && section != Section::Reference {
+                if section != Section::Data {
+                    self.out
+                        .problems
+                        .add("outside_section", at, || "an instance stands outside any DATA section".into());
+                    self.open_data(Vec::new(), at);
+                    section = Section::Data;
+                    opened_at = at;
+                }
+                self.instance();
+                continue;
+            }
+            match section {
+                Section::Anchor if byte == b'<' => {
+                    self.anchor();
+                    continue;
+                }
+                Section::Reference if byte == b'#' || byte == b'@' => {
+                    self.external();
+                    continue;
+                }
+                _ => {}
+            }
+            let word_start = self.text.at;
+            while self.text.peek().is_some_and(|b| is_word(b) || b == b'-' || b == b'!') {
+                self.text.at += 1;
+            }
+            let word = self.text.bytes[word_start..self.text.at].to_ascii_uppercase();
+            match word.as_slice() {
+                b"ISO-10303-21" => self.end_of_entry(),
+                b"HEADER" => {
+                    section = Section::Header;
+                    opened_at = at;
+                    self.end_of_entry();
+                }
+                b"ANCHOR" => {
+                    section = Section::Anchor;
+                    opened_at = at;
+                    self.end_of_entry();
+                }
+                b"REFERENCE" => {
+                    section = Section::Reference;
+                    opened_at = at;
+                    self.end_of_entry();
+                }
+                b"DATA" => {
+                    section = Section::Data;
+                    opened_at = at;
+                    self.data_start(at);
+                }
+                b"SIGNATURE" => self.signature(at),
+                b"ENDSEC" => {
+                    if section == Section::Data
+                        && let Some(data) = self.out.data_sections.last_mut()
+                    {
+                        data.end = Some(at);
+                    }
+                    section = Section::None;
+                    self.end_of_entry();
+                }
+                b"END-ISO-10303-21" => {
+                    ended = true;
+                    if section != Section::None {
+                        self.out.problems.add("missing_endsec", at, || {
+                            "ENDSEC; is missing before the end of the file".into()
+                        });
+                        if section == Section::Data
+                            && let Some(data) = self.out.data_sections.last_mut()
+                        {
+                            data.end = Some(at);
+                        }
+                    }
+                    section = Section::None;
+                    self.end_of_entry();
+                }
+                _ if section == Section::Header && !word.is_empty() => {
+                    self.text.at = word_start;
+                    self.header_entry();
+                }
+                _ => {
+                    self.out.problems.add("unknown_text", at, || {
+                        "text that is neither a section nor an instance: left alone, and not read".into()
+                    });
+                    self.text.at = self.text.at.max(at + 1);
+                    self.skip_to_next();
+                }
+            }
+        }
+        let length = self.text.bytes.len();
+        if section != Section::None {
+            self.out.problems.add("truncated", length, || {
+                "the file ends inside a section: its end is missing, so instances may be".into()
+            });
+        } else if !ended {
+            self.out.problems.add("missing_end", length, || {
+                "END-ISO-10303-21; is missing: the file may be truncated".into()
+            });
+        }
+        if self.out.data_sections.is_empty() {
+            self.out
+                .problems
+                .add("no_data", opened_at, || "the file has no DATA section".into());
+        }
+    }
+
+    /// Skips to behind the semicolon that ends a section keyword.
+    fn end_of_entry(&mut self) {
+        let at = self.text.at;
+        if self.text.expect(b';').is_err() {
+            self.out.problems.add("missing_semicolon", at, || {
+                "a semicolon is missing behind a section keyword".into()
+            });
+        }
+    }
+
+    /// After text that cannot be read: to behind the next semicolon, or to a line that begins with `#`.
+    fn skip_to_next(&mut self) {
+        while let Some(byte) = self.text.peek() {
+            match byte {
+                b';' => {
+                    self.text.at += 1;
+                    return;
+                }
+                b'\n' if self.begins_entry(self.text.at + 1) => return,
+                _ => self.text.at += 1,
+            }
+        }
+    }
+
+    /// Does an instance (`#12=`) or `ENDSEC` begin at `at`, blanks aside?
+    fn begins_entry(&self, at: usize) -> bool {
+        let mut ahead = Parser::new(self.text.bytes, at);
+        while ahead.peek().is_some_and(|byte| byte.is_ascii_whitespace()) {
+            ahead.at += 1;
+        }
+        if self.text.bytes[ahead.at.min(self.text.bytes.len())..].starts_with(b"ENDSEC") {
+            return true;
+        }
+        if ahead.peek() != Some(b'#') {
+            return false;
+        }
+        ahead.at += 1;
+        if ahead.digits().is_none() {
+            return false;
+        }
+        while ahead.peek().is_some_and(|byte| byte == b' ' || byte == b'\t') {
+            ahead.at += 1;
+        }
+        ahead.peek() == Some(b'=')
+    }
+
+    fn open_data(&mut self, parameters: Vec<Value<'static>>, start: usize) {
+        self.out.data_sections.push(DataSection {
+            parameters,
+            start,
+            end: None,
+        });
+    }
+
+    fn data_start(&mut self, at: usize) {
+        self.text.skip_blanks();
+        let mut parameters = Vec::new();
+        if self.text.peek() == Some(b'(') {
+            self.text.at += 1;
+            match self.text.list() {
+                Ok(values) => parameters = values.into_iter().map(Value::into_owned).collect(),
+                Err(fault) => self.out.problems.add("data_parameters", fault.offset, || {
+                    format!("the parameters of a DATA section cannot be read: {}", fault.message)
+                }),
+            }
+        }
+        self.end_of_entry();
+        self.open_data(parameters, at);
+    }
+
+    fn header_entry(&mut self) {
+        let start = self.text.at;
+        let record = self.text.record();
+        match record.and_then(|record| self.text.expect(b';').map(|()| record)) {
+            Ok(record) => {
+                let span = start..self.text.at;
+                self.out.header.push(HeaderEntry {
+                    keyword: record.keyword.into_owned(),
+                    arguments: record.arguments.into_iter().map(Value::into_owned).collect(),
+                    span,
+                });
+            }
+            Err(fault) => {
+                self.out.problems.add("header", fault.offset, || {
+                    format!("a header entry cannot be read: {}", fault.message)
+                });
+                self.text.at = fault.offset.max(start + 1).min(self.text.bytes.len());
+                self.skip_to_next();
+            }
+        }
+    }
+
+    fn anchor(&mut self) {
+        let start = self.text.at;
+        let name = self.text.value();
+        let value = self.text.expect(b'=').and_then(|()| self.text.value().map(Value::into_owned));
+        match (name, value) {
+            (Ok(Value::Resource(name)), Ok(value)) => self.out.anchors.push(Anchor {
+                name: name.into_owned(),
+                value,
+                offset: start,
+            }),
+            (_, value) => {
+                let offset = value.err().map_or(start, |fault| fault.offset);
+                self.out
+                    .problems
+                    .add("anchor", offset, || "an anchor cannot be read: expected <name>=value;".into());
+            }
+        }
+        self.skip_entry(); // tags `{..}` are kept in the bytes and not interpreted
+    }
+
+    fn external(&mut self) {
+        let start = self.text.at;
+        let name = self.text.value();
+        let uri = self.text.expect(b'=').and_then(|()| self.text.value());
+        match (name, uri) {
+            (Ok(Value::Reference(id)), Ok(Value::Resource(uri))) => {
+                self.out.highest_id = self.out.highest_id.max(id);
+                self.out.externals.push(External {
+                    name: ExternalName::Entity(id),
+                    uri: uri.into_owned(),
+                });
+            }
+            (Ok(Value::ValueReference(id)), Ok(Value::Resource(uri))) => self.out.externals.push(External {
+                name: ExternalName::Value(id),
+                uri: uri.into_owned(),
+            }),
+            _ => self.out.problems.add("reference_section", start, || {
+                "a reference cannot be read: expected #1=<uri>; or @1=<uri>;".into()
+            }),
+        }
+        self.skip_entry();
+    }
+
+    /// To behind the next semicolon outside strings.
+    fn skip_entry(&mut self) {
+        while let Some(byte) = self.text.peek() {
+            self.text.at += 1;
+            match byte {
+                b';' => return,
+                b'\'' => {
+                    let rest = &self.text.bytes[self.text.at..];
+                    self.text.at += rest.iter().position(|&b| b == b'\'').map_or(0, |length| length + 1);
+                }
+                b'\n' if self.begins_entry(self.text.at) => return,
+                _ => {}
+            }
+        }
+    }
+
+    fn signature(&mut self, start: usize) {
+        let rest = &self.text.bytes[self.text.at..];
+        match rest.windows(7).position(|window| window == b"ENDSEC;") {
+            Some(length) => self.text.at += length + 7,
+            None => {
+                self.out
+                    .problems
+                    .add("signature", start, || "a SIGNATURE section is not closed by ENDSEC;".into());
+                self.text.at = self.text.bytes.len();
+            }
+        }
+        self.out.signatures.push(start..self.text.at);
+    }
+
+    /// An instance whose `#` is at the cursor.
+    fn instance(&mut self) {
+        let start = self.text.at;
+        self.text.at += 1;
+        let Some(id) = self.text.digits() else {
+            self.out
+                .problems
+                .add("identifier", start, || "# without a number, or with one beyond 2^64".into());
+            return self.skip_to_next();
+        };
+        self.out.highest_id = self.out.highest_id.max(id);
+        self.text.skip_blanks();
+        if self.text.peek() != Some(b'=') {
+            self.out
+                .problems
+                .add("syntax", self.text.at, || format!("= is missing behind #{id}"));
+            return self.skip_to_next();
+        }
+        self.text.at += 1;
+        self.text.skip_blanks();
+        let keyword_start = self.text.at;
+        let complex = self.text.peek() == Some(b'(');
+        if !complex {
+            if self.text.peek() == Some(b'!') {
+                self.text.at += 1;
+            }
+            while self.text.peek().is_some_and(is_word) {
+                self.text.at += 1;
+            }
+        }
+        let keyword = keyword_start..self.text.at;
+        if !complex && keyword.is_empty() {
+            self.out
+                .problems
+                .add("syntax", keyword_start, || format!("#{id} has no entity name"));
+            return self.skip_to_next();
+        }
+        let (stream, references) = (self.out.forward.len(), self.out.reference_count);
+        if let Body::Broken = self.body(id, start) {
+            self.out.forward.truncate(stream);
+            self.out.reference_count = references;
+            return;
+        }
+        self.out.forward.push(0);
+        let number = if complex {
+            let names = part_names(&self.text.bytes[keyword_start..self.text.at]);
+            self.out.names.number_of(&names)
+        } else {
+            self.out.names.number_of(&self.text.bytes[keyword])
+        };
+        if number == crate::keywords::UNKNOWN {
+            self.out.problems.add("entity_names", start, || {
+                "an instance without entity name, or more than 65 000 different names".into()
+            });
+        }
+        self.out.ids.push(id);
+        self.out.offsets.push(start as u64);
+        self.out.keywords.push(number);
+        self.out.ascending &= self.previous_id.is_none_or(|previous| previous < id);
+        self.previous_id = Some(id);
+    }
+
+    /// Scans to behind the semicolon that ends instance `id`, noting the references.
+    fn body(&mut self, id: u64, instance: usize) -> Body {
+        let bytes = self.text.bytes;
+        let mut at = self.text.at;
+        let mut depth = 0i64;
+        loop {
+            while at < bytes.len() && !CLASS[usize::from(bytes[at])] {
+                at += 1;
+            }
+            let Some(&byte) = bytes.get(at) else {
+                self.text.at = at;
+                self.out.problems.add("truncated_instance", instance, || {
+                    format!("the file ends inside instance #{id}")
+                });
+                return Body::Broken;
+            };
+            match byte {
+                b'\'' => match self.string_end(at + 1) {
+                    Ok(end) => at = end,
+                    Err(resume) => {
+                        self.out.problems.add("unterminated_string", at, || {
+                            format!("a string in #{id} is not closed: the instance is skipped")
+                        });
+                        self.text.at = resume;
+                        return Body::Broken;
+                    }
+                },
+                b'#' => {
+                    let start = at;
+                    at += 1;
+                    let mut target = 0u64;
+                    let mut digits = 0;
+                    while let Some(digit @ b'0'..=b'9') = bytes.get(at) {
+                        target = target.wrapping_mul(10).wrapping_add(u64::from(digit - b'0'));
+                        at += 1;
+                        digits += 1;
+                    }
+                    if matches!(bytes.get(at), Some(b'=' | b' ')) && self.begins_entry(start) {
+                        self.out.problems.add("missing_semicolon", start, || {
+                            format!("instance #{id} is not closed: it is skipped")
+                        });
+                        self.text.at = start;
+                        return Body::Broken;
+                    }
+                    if (1..=20).contains(&digits) {
+                        self.refer(target.wrapping_sub(id));
+                    }
+                }
+                b'/' if bytes.get(at + 1) == Some(&b'*') => {
+                    self.text.at = at;
+                    self.text.skip_blanks();
+                    at = self.text.at;
+                }
+                b'(' => {
+                    depth += 1;
+                    at += 1;
+                }
+                b')' => {
+                    depth -= 1;
+                    at += 1;
+                }
+                b';' => {
+                    self.text.at = at + 1;
+                    if depth == 0 {
+                        return Body::Whole;
+                    }
+                    if bytes[..at].ends_with(b"ENDSEC") {
+                        self.text.at = at - 6;
+                    }
+                    self.out.problems.add("parentheses", at, || {
+                        format!("the parentheses of #{id} do not pair: the instance is skipped")
+                    });
+                    return Body::Broken;
+                }
+                _ => at += 1,
+            }
+        }
+    }
+
+    /// The offset behind a string's closing apostrophe, or, when it has none, where reading can go on.
+    ///
+    /// A string may be broken over lines, but a line that begins like an instance tells that the apostrophe was forgotten.
+    fn string_end(&self, start: usize) -> Result<usize, usize> {
+        let bytes = self.text.bytes;
+        let mut at = start;
+        loop {
+            match bytes.get(at) {
+                None => return Err(bytes.len()),
+                Some(b'\'') => return Ok(at + 1),
+                Some(b'\n') if self.begins_entry(at + 1) => return Err(at + 1),
+                Some(_) => at += 1,
+            }
+        }
+    }
+
+    /// Notes a reference by its difference to the user's identifier.
+    fn refer(&mut self, difference: u64) {
+        let signed = difference as i64;
+        let mut number = ((signed << 1) ^ (signed >> 63)) as u64;
+        if number == u64::MAX {
+            return; // 2^63 away: no file, only an attack
+        }
+        number += 1;
+        while number >= 0x80 {
+            self.out.forward.push(number as u8 | 0x80);
+            number >>= 7;
+        }
+        self.out.forward.push(number as u8);
+        self.out.reference_count += 1;
+    }
+}
+
+/// The next difference of the stream at `at`, which moves on; `None` at the end of an instance.
+pub(crate) fn next_reference(forward: &[u8], at: &mut usize, id: u64) -> Option<u64> {
+    let mut number = 0u64;
+    let mut shift = 0;
+    while let Some(&byte) = forward.get(*at) {
+        *at += 1;
+        number |= u64::from(byte & 0x7f) << shift;
+        shift += 7;
+        if byte < 0x80 {
+            break;
+        }
+    }
+    let zigzag = number.checked_sub(1)?;
+    let signed = (zigzag >> 1) as i64 ^ -((zigzag & 1) as i64);
+    Some(id.wrapping_add(signed as u64))
+}
+
+/// The names of a complex instance's parts, blank-separated, from its text.
+fn part_names(text: &[u8]) -> Vec<u8> {
+    let mut parser = Parser::new(text, 0);
+    let mut names = Vec::new();
+    let mut depth = 0u32;
+    loop {
+        parser.skip_blanks();
+        match parser.peek() {
+            None => return names,
+            Some(b'(') => {
+                depth += 1;
+                parser.at += 1;
+            }
+            Some(b')') => {
+                depth = depth.saturating_sub(1);
+                parser.at += 1;
+            }
+            Some(b'\'') => {
+                let rest = &text[parser.at + 1..];
+                parser.at += rest
+                    .iter()
+                    .position(|&byte| byte == b'\'')
+                    .map_or(rest.len(), |length| length + 1)
+                    + 1;
+                parser.at = parser.at.min(text.len());
+            }
+            Some(byte) if depth == 1 && (is_word(byte) || byte == b'!') => {
+                if !names.is_empty() {
+                    names.push(b' ');
+                }
+                names.extend_from_slice(parser.keyword().as_bytes());
+            }
+            Some(_) => parser.at += 1,
+        }
+    }
+}
