@@ -73,6 +73,8 @@ pub struct Counters {
     pub late_gaps: u64,
     /// Cycles in which time was slowed because set-points were few.
     pub starved_ticks: u64,
+    /// Times that began.
+    pub starvations: u64,
     /// Stops for which there was no path left to stop on.
     pub off_path_stops: u64,
     /// Encoder readings that were not possible and were bridged.
@@ -118,6 +120,8 @@ pub struct Controller {
     last_velocity: [f64; 3],
     bridged_in_a_row: [u32; 3],
     warned: bool,
+    starving: bool,
+    /// The commanded position is to be taken from the encoders before anything is executed.
     synchronise: bool,
     weakest_acceleration: f64,
     counters: Counters,
@@ -155,6 +159,7 @@ impl Controller {
             last_velocity: [0.0; 3],
             bridged_in_a_row: [0; 3],
             warned: false,
+            starving: false,
             synchronise: true,
             weakest_acceleration: weakest,
             counters: Counters::default(),
@@ -197,6 +202,11 @@ impl Controller {
     /// How many more commands the queue takes.
     pub fn free(&self) -> usize {
         self.queue.free()
+    }
+
+    /// How many commands were taken in and are neither done nor thrown away.
+    pub fn outstanding(&self) -> u64 {
+        self.queue.len() as u64 + u64::from(self.in_work.is_some())
     }
 
     /// What it is doing.
@@ -487,7 +497,10 @@ impl Controller {
             self.happen(Event::Stop(cause));
         }
         let starved = short && self.state == State::Running;
-        self.counters.starved_ticks += u64::from(starved && speed > 0.0);
+        let slowed = starved && speed > 0.0;
+        self.counters.starved_ticks += u64::from(slowed);
+        self.counters.starvations += u64::from(slowed && !self.starving);
+        self.starving = slowed;
         let down = starved || self.state != State::Running;
         let (fall, rise) = self.rate_steps(&planned, speed);
         if down {

@@ -26,6 +26,8 @@ const CURRENT_NOISE: f64 = 0.05;
 const VELOCITY_NOISE: f64 = 0.1;
 /// Noise of the reported spindle speed, rev/min rms.
 const SPINDLE_NOISE: f64 = 0.3;
+/// A commanded path speed that changes less than this in a cycle is a steady one, mm/s.
+const STEADY: f64 = 0.2;
 /// A quick stop brakes harder than any planned motion.
 const QUICK_STOP: f64 = 1.3;
 
@@ -36,6 +38,7 @@ pub struct Plant {
     spindle: Spindle,
     cutting: CuttingParameters,
     cut_force: f64,
+    path_speed_before: f64,
     noise: ChaCha8Rng,
     orders: DriveOrders,
     ordered_at: Tick,
@@ -93,6 +96,7 @@ impl Plant {
             },
             cutting: parameters.cutting,
             cut_force: 0.0,
+            path_speed_before: 0.0,
             noise: ChaCha8Rng::seed_from_u64(seed),
             orders: DriveOrders::default(),
             ordered_at: Tick(0),
@@ -175,7 +179,11 @@ impl Plant {
                 })
                 .sum(),
         );
-        let cuts = self.spindle.speed.abs() > 5.0 && self.orders.path_speed > 0.0 && path <= self.cutting.fastest_feed.0;
+        // A feed is steady; a rapid is slow only while it speeds up or slows down.
+        let steady = (self.orders.path_speed - self.path_speed_before).abs() < STEADY;
+        self.path_speed_before = self.orders.path_speed;
+        let feeds = self.orders.path_speed > 0.0 && self.orders.path_speed <= self.cutting.fastest_feed.0;
+        let cuts = self.spindle.speed.abs() > 5.0 && steady && feeds;
         let target = if cuts {
             (self.cutting.force_per_speed * path).min(self.cutting.highest_force)
         } else {

@@ -6,6 +6,9 @@
 use crate::parameters::{Mechanics, ServoGains};
 use units::TICK;
 
+/// Time constant with which a standing axis forgets its integral part, s.
+const FORGETTING_TIME: f64 = 0.02;
+
 /// The outer loop: from set-point and encoder to a speed and a feed-forward torque.
 #[derive(Clone, Copy, Debug)]
 pub struct PositionLoop {
@@ -95,6 +98,10 @@ impl VelocityLoop {
         // Integrate only while the amplifier can follow, or when that brings it back from its limit.
         if wanted == given || (wanted > given) != (error > 0.0) {
             self.integral += self.integral_gain * error * step;
+        }
+        // A standing axis forgets the friction of its last direction, or it would start the next way against it.
+        if commanded == 0.0 && actual == 0.0 {
+            self.integral -= self.integral * (step / FORGETTING_TIME).min(1.0);
         }
         given
     }
