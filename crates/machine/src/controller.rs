@@ -442,7 +442,9 @@ impl Controller {
     /// Moves on by a number of cycles and gives the commanded acceleration, mm/s^2.
     fn advance(&mut self, cycles: u64, feedback: &Feedback) -> [f64; 3] {
         self.go_on_with_work(cycles, feedback);
-        if !self.queue.is_empty() && self.in_work.is_none() {
+        let too_few =
+            self.state == State::Waiting(Wait::Commands) && self.barrier.is_none() && self.rate == 0.0 && self.is_short(0.0);
+        if !self.queue.is_empty() && self.in_work.is_none() && !too_few {
             self.happen(Event::Work);
         }
         if !matches!(self.state, State::Running | State::Holding | State::Stopping(_)) || self.in_work.is_some() {
@@ -482,8 +484,12 @@ impl Controller {
     /// Time along the path has come to a standstill.
     fn came_to_rest(&mut self) {
         let between = self.fraction > 0.0 || !self.resting(&self.here);
-        if self.state == State::Running && between {
-            self.happen(Event::Stop(StopCause::Starved));
+        if self.state == State::Running {
+            self.happen(if between {
+                Event::Stop(StopCause::Starved)
+            } else {
+                Event::Wait(Wait::Commands)
+            });
         }
         self.happen(Event::AtRest);
     }
@@ -539,9 +545,14 @@ impl Controller {
         if ahead as f64 >= needed || (ahead == 0 && self.barrier.is_none() && self.resting(&self.here)) {
             return false;
         }
-        // Few, but the path comes to rest by itself.
+        // Few, but the path comes to rest by itself: not at a slow set-point from which it speeds up.
+        let speed_at = |index: Option<usize>| match index.map(|i| self.queue.get(i)) {
+            None => length(self.here.velocity),
+            Some(Some(Command::SetPoint(s))) => length(s.velocity),
+            Some(_) => 0.0,
+        };
         let rests = |index: usize| match self.queue.get(index) {
-            Some(Command::SetPoint(s)) => self.resting(s),
+            Some(Command::SetPoint(s)) => self.resting(s) && speed_at(index.checked_sub(1)) >= length(s.velocity),
             Some(command) => needs_rest(command),
             None => false,
         };

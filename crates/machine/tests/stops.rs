@@ -94,8 +94,8 @@ impl Bench {
         let moved = (0..3)
             .map(|k| (self.reports[n - 20].sample.actual[k] - self.reports[n - 1].sample.actual[k]).abs())
             .fold(0.0, f64::max);
-        // A pulse may flicker.
-        assert!(moved < 0.0015, "still moves: {moved} mm in 20 ms");
+        // The integral part settles a pulse or two after the stop.
+        assert!(moved < 0.0035, "still moves: {moved} mm in 20 ms");
     }
 }
 
@@ -418,4 +418,65 @@ fn loads_and_currents_carry_noise_of_at_least_four_quanta() {
         let rms = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt();
         assert!(rms >= 4.0, "{name}: {rms} quanta");
     }
+}
+
+#[test]
+fn a_path_is_not_begun_before_there_is_enough_of_it_to_stop_on() {
+    let mut bench = Bench::new(ordinary());
+    let later = bench.queue.split_off(5);
+    bench.run(100);
+    assert_eq!(bench.state(), State::Waiting(machine::Wait::Commands));
+    assert_eq!(bench.last().sample.commanded, bench.reports[0].sample.commanded);
+    bench.queue = later;
+    bench.run(3000);
+    assert!(bench.last().idle, "{:?}", bench.state());
+    assert_eq!(bench.counters().starved_ticks, 0);
+}
+
+/// A circle whose bend alone takes all of the acceleration that an axis has: 200 mm/s on radius 13.33 mm.
+fn tight() -> Vec<Command> {
+    circle(40.0 / 3.0, 200.0, 1500.0)
+}
+
+#[test]
+fn holds_and_stalls_anywhere_on_a_bend_at_the_limit_stay_on_it() {
+    let mut worst: f64 = 0.0;
+    for at in (8..530).step_by(7) {
+        for stall in [false, true] {
+            let mut bench = Bench::new(tight());
+            if stall {
+                // Only what was queued by then is there: the rest comes later.
+                let later = bench.queue.split_off(at);
+                bench.run(1500);
+                bench.stands();
+                // Hardly begun, it waits for more; further on it is a stop.
+                let waits = at < 12 && bench.state() == State::Waiting(machine::Wait::Commands);
+                assert!(
+                    waits || bench.state() == State::Stopped(StopCause::Starved),
+                    "stall at {at}: {:?}",
+                    bench.state()
+                );
+                bench.queue = later;
+                bench.run(2);
+            } else {
+                bench.run(at as u64);
+                bench.half.request(Request::Hold);
+                bench.run(400);
+                assert_eq!(bench.state(), State::Held, "hold at {at}");
+                bench.stands();
+            }
+            bench.half.request(Request::CycleStart);
+            bench.run(1500);
+            assert!(bench.last().idle, "{at} {stall}: {:?}", bench.state());
+            assert_eq!(bench.counters().off_path_stops, 0, "{at} {stall}");
+            for r in &bench.reports {
+                let off = off_circle(40.0 / 3.0, r.sample.commanded);
+                assert!(off < 0.002, "{at} {stall}: {off} mm off at {:?}", r.sample);
+            }
+            worst = worst.max(bench.worst_acceleration());
+        }
+    }
+    // The ramps of this path itself, 1500 along and up to 3000 across, reach 3354.
+    println!("worst commanded acceleration {worst:.0} mm/s^2");
+    assert!(worst < 3800.0, "{worst}");
 }
