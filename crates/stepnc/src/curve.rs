@@ -516,7 +516,7 @@ impl<'f> Pieces<'f> {
         };
         let knots = match kind {
             "BEZIER_CURVE" => {
-                if (count - 1) % degree != 0 {
+                if !(count - 1).is_multiple_of(degree) {
                     return Err(fault("the control points of a Bezier curve do not make whole segments"));
                 }
                 let segments = (count - 1) / degree;

@@ -12,7 +12,7 @@ pub struct Inspection {
     pub kind: &'static str,
     /// The name in FILE_SCHEMA.
     pub schema: String,
-    /// Unit of the coordinates in the file: `mm`, `inch`, `mixed`, `other` or `none`. Figures in here are in mm all the same.
+    /// Unit in which the toolpaths are written: `mm`, `inch`, `mixed`, `other` or `none`. Figures in here are in mm all the same.
     pub units: &'static str,
     /// Counts over the plans; over the twins when the file has no plan.
     pub summary: Summary,
@@ -199,14 +199,15 @@ pub fn inspect(program: &Program) -> Inspection {
         },
         nodes: 0,
         counted: false,
+        units: Vec::new(),
+        only_twins: program.plan().is_none(),
     };
     for diagnostic in program.diagnostics() {
         inspector.problems.add(diagnostic.clone());
     }
-    let only_twins = program.plan().is_none();
     let mut tree = Vec::new();
     for project in program.projects() {
-        inspector.counted = only_twins || !project.is_twin;
+        inspector.counted = inspector.only_twins || !project.is_twin;
         let mut node = inspector.node(project.main_workplan, true, &mut Vec::new());
         if let Some(node) = &mut node {
             node.project = Some(project.name.clone());
@@ -216,24 +217,22 @@ pub fn inspect(program: &Program) -> Inspection {
     Inspection {
         kind: if program.is_iso_14649() { "iso-14649" } else { "step-nc" },
         schema: program.schema().to_string(),
-        units: unit_word(program),
+        units: unit_word(&inspector.units),
         summary: inspector.summary,
         tree,
         problems: inspector.problems.as_slice().iter().map(ProblemEntry::from).collect(),
     }
 }
 
-fn unit_word(program: &Program) -> &'static str {
-    let mut word = "none";
-    for (_, units) in program.contexts() {
-        let this = match units.millimetres {
-            1.0 => "mm",
-            25.4 => "inch",
-            _ => "other",
-        };
-        word = if word == "none" || word == this { this } else { "mixed" };
+/// The word for the lengths of one unit in mm that toolpaths have.
+fn unit_word(units: &[f64]) -> &'static str {
+    match units {
+        [] => "none",
+        [1.0] => "mm",
+        [25.4] => "inch",
+        [_] => "other",
+        _ => "mixed",
     }
-    word
 }
 
 struct Inspector<'p> {
@@ -243,6 +242,10 @@ struct Inspector<'p> {
     nodes: u64,
     /// Does the project at hand count in the summary?
     counted: bool,
+    /// Millimetres in the units that toolpaths are written in.
+    units: Vec<f64>,
+    /// Is there nothing else to count?
+    only_twins: bool,
 }
 
 impl<'p> Inspector<'p> {
@@ -335,7 +338,7 @@ impl<'p> Inspector<'p> {
     }
 
     fn count(&mut self, executable: &Executable, enabled: bool, toolpaths: &[PathEntry]) {
-        if !self.counted {
+        if !self.counted || (executable.twin.is_some() && !self.only_twins) {
             return;
         }
         let summary = &mut self.summary;
@@ -433,6 +436,11 @@ impl<'p> Inspector<'p> {
                 return None;
             }
         };
+        if let Ok(units) = program.units_of(toolpath)
+            && !self.units.contains(&units.millimetres)
+        {
+            self.units.push(units.millimetres);
+        }
         let mut sum = 0.0;
         for piece in pieces {
             match piece {

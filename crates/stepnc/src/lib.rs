@@ -16,7 +16,7 @@ mod expression;
 pub mod inspect;
 pub mod model;
 pub mod stream;
-//pub mod twin;
+pub mod twin;
 mod unit;
 
 pub use model::{
@@ -25,4 +25,4 @@ pub use model::{
 };
 pub use part21::ReadError;
 pub use stream::{PathFrame, StepNcStream, StreamOptions};
-//pub use twin::write_new;
+pub use twin::write_new;

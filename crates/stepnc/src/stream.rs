@@ -125,7 +125,7 @@ enum Pending {
 }
 
 /// Turns of a loop, or other structure, without a single step: then it will never have one.
-const MOST_IDLE: u32 = 10_000_000;
+const MOST_IDLE: u32 = 1_000_000;
 
 impl StepNcStream {
     /// The stream of a program.
@@ -359,7 +359,13 @@ impl<'s> Walker<'s> {
                 "repair the workplan",
             ));
         };
-        if !executable.enabled {
+        // What has happened is not done again, unless it is the twin itself that shall be run.
+        let in_twin = self
+            .run
+            .scopes
+            .first()
+            .is_none_or(|&root| program.executable(root).is_some_and(|root| root.twin.is_some()));
+        if !executable.enabled || (executable.twin.is_some() && !in_twin) {
             return Ok(None);
         }
         if self.run.scopes.contains(&id) {
@@ -743,6 +749,16 @@ impl<'s> Walker<'s> {
         let in_file = setup.and_then(|setup| setup.machine_from_setup);
         let entity = setup.map(|setup| setup.id).or(self.run.scopes.first().copied()).unwrap_or(0);
         let remark = |message: String, remedy| Fault::new(entity, "setup-origin", message, remedy);
+        let (no_origin, no_origin_remedy) = match setup {
+            Some(_) => (
+                format!("the set-up '{name}' has no origin"),
+                "enter a work offset of this name",
+            ),
+            None => (
+                "the program has no set-up that says where its paths lie in the machine".to_string(),
+                "give its workplan a set-up with an origin",
+            ),
+        };
         let (origin, found) = match (table, in_file, self.options.tables.missing) {
             (Some(table), Some(in_file), _) if table != in_file => {
                 let message = format!("the work offset '{name}' of the machine is used, not the set-up's origin in the file");
@@ -751,8 +767,7 @@ impl<'s> Walker<'s> {
             (Some(table), _, _) => (table, None),
             (None, Some(in_file), _) => (in_file, None),
             (None, None, Missing::Assume) => {
-                let message = format!("the set-up '{name}' has no origin: the machine's origin is assumed");
-                let fault = remark(message, "enter a work offset of this name");
+                let fault = remark(format!("{no_origin}: the machine's origin is assumed"), no_origin_remedy);
                 (Transform::IDENTITY, Some((Severity::Warning, fault)))
             }
             (None, None, Missing::Fail) => {

@@ -168,3 +168,94 @@ pub fn describe(kind: &StepKind) -> String {
         other => format!("{other:?}"),
     }
 }
+
+/// Units, contexts and what every program needs, with identifiers below 100:
+/// #1 mm, #2 s, #3 minute, #4 degree, #5 mm/min, #6 rev/min, #7 geometric context in mm and degrees, #8 context without units,
+/// #9 inch, #10 geometric context in inches, #11 ratio, #20 product definition context, #21 product context.
+const PREAMBLE: &str = "\
+#1=(LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.));
+#2=(NAMED_UNIT(*) SI_UNIT($,.SECOND.) TIME_UNIT());
+#30=DIMENSIONAL_EXPONENTS(0.,0.,0.,0.,0.,0.,0.);
+#31=TIME_MEASURE_WITH_UNIT(TIME_MEASURE(60.),#2);
+#3=(CONVERSION_BASED_UNIT('minute',#31) NAMED_UNIT(#30) TIME_UNIT());
+#32=(NAMED_UNIT(*) PLANE_ANGLE_UNIT() SI_UNIT($,.RADIAN.));
+#33=PLANE_ANGLE_MEASURE_WITH_UNIT(PLANE_ANGLE_MEASURE(0.017453292519943295),#32);
+#4=(CONVERSION_BASED_UNIT('degree',#33) NAMED_UNIT(#30) PLANE_ANGLE_UNIT());
+#34=DERIVED_UNIT_ELEMENT(#1,1.);
+#35=DERIVED_UNIT_ELEMENT(#3,-1.);
+#5=DERIVED_UNIT((#34,#35));
+#36=CONTEXT_DEPENDENT_UNIT(#30,'revolution');
+#37=DERIVED_UNIT_ELEMENT(#36,1.);
+#6=DERIVED_UNIT((#37,#35));
+#7=(GEOMETRIC_REPRESENTATION_CONTEXT(3) GLOBAL_UNIT_ASSIGNED_CONTEXT((#1,#4)) REPRESENTATION_CONTEXT('ID1','3D'));
+#8=REPRESENTATION_CONTEXT('','units not necessary');
+#38=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(25.4),#1);
+#9=(CONVERSION_BASED_UNIT('zoll',#38) LENGTH_UNIT() NAMED_UNIT(#30));
+#10=(GEOMETRIC_REPRESENTATION_CONTEXT(3) GLOBAL_UNIT_ASSIGNED_CONTEXT((#9,#32)) REPRESENTATION_CONTEXT('ID2','3D'));
+#11=(NAMED_UNIT(#30) RATIO_UNIT());
+#22=APPLICATION_CONTEXT('CNC');
+#20=PRODUCT_DEFINITION_CONTEXT('CNC Machining',#22,'manufacturing');
+#21=PRODUCT_CONTEXT('CNC Machining',#22,'manufacturing');
+";
+
+/// A file of these instances over the preamble.
+pub fn file_of(data: &str) -> String {
+    format!(
+        "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('own','2026-01-01T00:00:00Z',(''),(''),'','','');\n\
+         FILE_SCHEMA(('MODEL_BASED_INTEGRATED_MANUFACTURING_SCHEMA'));\nENDSEC;\nDATA;\n{PREAMBLE}{data}\nENDSEC;\nEND-ISO-10303-21;\n"
+    )
+}
+
+/// A program of these instances over the preamble.
+pub fn program_of(data: &str) -> Program {
+    Program::read("own.stpnc", file_of(data).into_bytes()).expect("a Part 21 file")
+}
+
+/// A property that says a text: takes four identifiers from `id` on.
+pub fn says(id: u64, owner: u64, name: &str, text: &str) -> String {
+    format!(
+        "#{id}=ACTION_PROPERTY('{name}','',#{owner});\n#{a}=ACTION_PROPERTY_REPRESENTATION('','',#{id},#{b});\n\
+         #{b}=REPRESENTATION('',(#{c}),#8);\n#{c}=DESCRIPTIVE_REPRESENTATION_ITEM('','{text}');\n",
+        a = id + 1,
+        b = id + 2,
+        c = id + 3
+    )
+}
+
+/// A property that holds an item in a context: takes three identifiers from `id` on.
+pub fn holds(id: u64, owner: u64, name: &str, item: u64, context: u64) -> String {
+    format!(
+        "#{id}=ACTION_PROPERTY('{name}','',#{owner});\n#{a}=ACTION_PROPERTY_REPRESENTATION('','',#{id},#{b});\n\
+         #{b}=REPRESENTATION('',(#{item}),#{context});\n",
+        a = id + 1,
+        b = id + 2
+    )
+}
+
+/// A workplan #100 with workingstep #101, operation #102 (tool 1, 600 mm/min, 1500 rev/min clockwise) and its only toolpath #110 along
+/// curve #200 in `context`; `data` holds the curve and whatever else.
+pub fn one_path(data: &str, context: u64) -> Program {
+    let basic_curve = holds(111, 110, "basic curve", 200, context);
+    program_of(&format!(
+        "#100=MACHINING_WORKPLAN('main','','','');
+#103=MACHINING_PROCESS_SEQUENCE_RELATIONSHIP('','',#100,#101,1.);
+#101=MACHINING_WORKINGSTEP('step','machining','','');
+#104=MACHINING_OPERATION_RELATIONSHIP('','machining',#101,#102);
+#102=FREEFORM_MILLING_OPERATION('op','finishing','','');
+#105=MACHINING_TOOLPATH_SEQUENCE_RELATIONSHIP('','',#102,#110,1.);
+#110=MACHINING_TOOLPATH('path','cutter location trajectory','','');
+{basic_curve}
+#120=MACHINING_TECHNOLOGY('','milling','','');
+#121=MACHINING_TECHNOLOGY_RELATIONSHIP('','',#102,#120);
+#122=ACTION_PROPERTY('feedrate','',#120);
+#123=ACTION_PROPERTY_REPRESENTATION('','',#122,#124);
+#124=MACHINING_FEED_SPEED_REPRESENTATION('feed speed',(#125),#8);
+#125=MEASURE_REPRESENTATION_ITEM('feed speed',NUMERIC_MEASURE(600.),#5);
+#126=ACTION_PROPERTY('spindle','',#120);
+#127=ACTION_PROPERTY_REPRESENTATION('','',#126,#128);
+#128=MACHINING_SPINDLE_SPEED_REPRESENTATION('spindle speed',(#129),#8);
+#129=MEASURE_REPRESENTATION_ITEM('rotational speed',NUMERIC_MEASURE(-1500.),#6);
+#130=MACHINING_TOOL('1','endmill',(#102),$);
+{data}"
+    ))
+}
