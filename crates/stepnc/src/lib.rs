@@ -12,9 +12,11 @@
 mod aim;
 pub mod curve;
 mod date;
+pub mod edit;
 mod expression;
 pub mod inspect;
 pub mod model;
+pub mod select;
 pub mod stream;
 pub mod twin;
 mod unit;

@@ -316,6 +316,18 @@ pub enum Dwell {
     Revolutions(f64),
 }
 
+/// Problems of the file by which instances are lost.
+const DAMAGE: [&str; 8] = [
+    "truncated",
+    "truncated_instance",
+    "unterminated_string",
+    "parentheses",
+    "missing_semicolon",
+    "syntax",
+    "identifier",
+    "unknown_text",
+];
+
 impl Program {
     /// Reads a file; `name` is what diagnostics call it.
     ///
@@ -338,7 +350,13 @@ impl Program {
             file,
         };
         for problem in program.file.problems() {
-            let mut diagnostic = Diagnostic::warning(problem.code, problem.message.clone())
+            // An instance that could not be read may be the link to a toolpath: what is left would run without it.
+            let severity = if DAMAGE.contains(&problem.code) {
+                Severity::Error
+            } else {
+                Severity::Warning
+            };
+            let mut diagnostic = Diagnostic::new(severity, problem.code, problem.message.clone())
                 .in_file(name)
                 .at_line(small(problem.line), small(problem.column))
                 .remedy("the rest of the file was read; repair this place or export again");
@@ -419,6 +437,14 @@ impl Program {
     /// What was odd in the file's structure.
     pub fn diagnostics(&self) -> &[Diagnostic] {
         self.diagnostics.as_slice()
+    }
+
+    /// The first sign that parts of the file are lost; such a program can be looked at and is not run.
+    pub fn damage(&self) -> Option<&Diagnostic> {
+        self.diagnostics
+            .as_slice()
+            .iter()
+            .find(|diagnostic| DAMAGE.contains(&diagnostic.code))
     }
 
     /// True when an enabled workingstep of a plan turns: then the program is a lathe's.

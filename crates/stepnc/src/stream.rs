@@ -323,6 +323,16 @@ impl<'s> Walker<'s> {
 
     fn start(&mut self) -> Outcome {
         let program = self.program;
+        if let Some(damage) = program.damage() {
+            // The place of the damage, not of an instance.
+            self.run.alarm = Some(Alarm::from(Diagnostic {
+                remedy:
+                    "the file is damaged and parts of it may be missing: it can be inspected, and is not run; export it again"
+                        .into(),
+                ..damage.clone()
+            }));
+            return Ok(None);
+        }
         let wanted = |project: &&Project| match self.options.project {
             Some(id) => project.id == Some(id) || project.main_workplan == id,
             None => !project.is_twin,

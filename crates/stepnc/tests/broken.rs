@@ -22,7 +22,7 @@ fn use_in_every_way(bytes: Vec<u8>) {
     }
     let mut stream = StepNcStream::new(Arc::new(program), StreamOptions::default());
     let mut reply = None;
-    for _ in 0..500 {
+    for _ in 0..200 {
         match stream.next(reply.take()) {
             Next::Step(step) => {
                 if let plan::StepKind::Move(go) = &step.kind {
@@ -36,7 +36,12 @@ fn use_in_every_way(bytes: Vec<u8>) {
 }
 
 /// A program with a bit of everything, and a twin of itself.
-fn everything() -> String {
+fn everything() -> &'static str {
+    static TEXT: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+    TEXT.get_or_init(make_everything)
+}
+
+fn make_everything() -> String {
     let curve = "#200=COMPOSITE_CURVE('',(#201,#202,#203,#240),.F.);\n#201=COMPOSITE_CURVE_SEGMENT(.CONTINUOUS.,.T.,#204);\n\
         #202=COMPOSITE_CURVE_SEGMENT(.CONTINUOUS.,.T.,#205);\n#203=COMPOSITE_CURVE_SEGMENT(.CONTINUOUS.,.T.,#206);\n\
         #240=COMPOSITE_CURVE_SEGMENT(.CONTINUOUS.,.T.,#241);\n#241=TRIMMED_CURVE('',#206,(#217),(#218),.T.,.CARTESIAN.);\n#204=POLYLINE('',(#210,#211));\n\
@@ -69,9 +74,9 @@ fn everything() -> String {
 
 #[test]
 fn the_unbroken_program_runs() {
-    let program = Program::read("whole.stpnc", everything().into_bytes()).expect("a Part 21 file");
+    let program = Program::read("whole.stpnc", everything().as_bytes().to_vec()).expect("a Part 21 file");
     assert!(inspect(&program).summary.toolpaths > 0);
-    use_in_every_way(everything().into_bytes());
+    use_in_every_way(everything().as_bytes().to_vec());
 }
 
 #[test]
@@ -96,7 +101,7 @@ fn loops_without_an_end_and_trees_without_a_bottom_come_to_an_alarm() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 250, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn no_mutation_panics(
@@ -104,7 +109,7 @@ proptest! {
         cut in any::<prop::sample::Index>(),
         truncate in 0..4u8,
     ) {
-        let mut bytes = everything().into_bytes();
+        let mut bytes = everything().as_bytes().to_vec();
         let data = bytes.windows(5).position(|window| window == b"DATA;").expect("it has data");
         for (place, byte) in changes {
             let place = data + 5 + place.index(bytes.len() - data - 5);

@@ -330,6 +330,15 @@ fn alarms_name_the_instance_the_line_and_the_remedy() {
 }
 
 #[test]
+fn a_damaged_file_is_shown_and_not_run() {
+    let text = String::from_utf8(one_path(LINE, 7).file().bytes().to_vec()).expect("ASCII");
+    let cut = &text[..text.len() - 60];
+    let program = Program::read("cut.stpnc", cut.as_bytes().to_vec()).expect("a Part 21 file");
+    assert_eq!(stepnc::inspect::inspect(&program).tree.len(), 1);
+    alarm(program, options(), expect!["error: cut.stpnc:55:6: #202 has no entity name; the file is damaged and parts of it may be missing: it can be inspected, and is not run; export it again"]);
+}
+
+#[test]
 fn a_speed_profile_is_spread_over_all_pieces_of_its_path() {
     let data = "#200=POLYLINE('',(#201,#202,#203));\n#201=CARTESIAN_POINT('',(0.,0.,5.));\n#202=CARTESIAN_POINT('',(10.,0.,5.));\n\
         #203=CARTESIAN_POINT('',(40.,0.,5.));\n#210=ACTION_PROPERTY('speed profile','',#110);\n#211=ACTION_PROPERTY_REPRESENTATION('','',#210,#212);\n\
