@@ -922,9 +922,9 @@ impl<'s> Walker<'s> {
             }
         };
         let mut pieces = program.pieces(&toolpath)?;
-        let first = pieces.next().transpose().map_err(|fault| placed(fault, id))?;
-        if let Some(first) = &first {
-            self.link(id, frame.machine_from_setup, first.start());
+        let mut first = pieces.next().transpose().map_err(|fault| placed(fault, id))?;
+        if let Some(first) = &mut first {
+            self.link(id, frame.machine_from_setup, first, speed);
         }
         self.begin(Level::Toolpath, id, &toolpath.name, toolpath.maximum_deviation);
         self.run.queue.extend(others.map(|kind| (entity_origin(id), kind)));
@@ -942,22 +942,36 @@ impl<'s> Walker<'s> {
         Ok(())
     }
 
-    /// Rapid moves from where the tip is to where a path begins: up to the higher of the two, across, down.
-    fn link(&mut self, id: u64, machine_from_setup: Transform<Machine, Setup>, start: Point<Setup>) {
+    /// Moves from where the tip is to where a path begins: rapid, up to the higher of the two, across, down.
+    ///
+    /// A gap within the rounding of the file is no link: a line begins where the tip is, any other piece is reached at its own speed.
+    fn link(&mut self, id: u64, machine_from_setup: Transform<Machine, Setup>, first: &mut Path<Setup>, speed: Speed) {
         let tip = machine_from_setup.inverse() * (self.run.gauge - self.run.offset.total());
-        if tip.distance(start) <= 1e-6 {
+        let start = first.start();
+        let gap = tip.distance(start);
+        if gap <= 1e-6 {
+            return;
+        }
+        if gap <= ROUNDING
+            && let Path::Line { from, .. } = first
+        {
+            *from = tip;
             return;
         }
         let height = tip.xyz[2].max(start.xyz[2]);
         let above = |place: Point<Setup>| Point::new(place.xyz[0], place.xyz[1], height);
+        let (speed, corners) = match gap <= ROUNDING {
+            true => (speed, [tip, tip, start]),
+            false => (Speed::Rapid, [above(tip), above(start), start]),
+        };
         let mut from = tip;
-        for to in [above(tip), above(start), start] {
+        for to in corners {
             if from.distance(to) > 1e-9 {
                 self.say(
                     id,
                     StepKind::Move(Move {
                         path: Path::Line { from, to },
-                        speed: Speed::Rapid,
+                        speed,
                         profile: None,
                         derived: true,
                     }),
@@ -1006,6 +1020,9 @@ impl<'s> Walker<'s> {
         );
     }
 }
+
+/// Gaps between paths up to this come from rounded coordinates (four decimals in inches), mm.
+const ROUNDING: f64 = 0.0026;
 
 const EXPRESSION_REMEDY: &str = "use comparisons and arithmetic over numbers and named variables";
 

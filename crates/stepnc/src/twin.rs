@@ -93,7 +93,7 @@ pub fn append(program: &Program, run: &AsExecuted, options: &TwinOptions) -> Res
     let moment = encode(&Civil::of(options.written).rfc_3339());
     // A header without these fields is one of those things that readers forgive; the run is worth more.
     let mut notices = Vec::new();
-    if edits.set_header("FILE_NAME", 1, &moment).is_err() || edits.set_header("FILE_NAME", 5, &encode(&options.writer)).is_err() {
+    if edits.set_header("FILE_NAME", 1, &moment).is_err() || edits.set_header("FILE_NAME", 4, &encode(&options.writer)).is_err() {
         notices.push("the header has no FILE_NAME with a time stamp; it stays as it is".to_string());
     }
     if program.schema() == "INTEGRATED_CNC_SCHEMA" {
@@ -109,6 +109,7 @@ pub fn append(program: &Program, run: &AsExecuted, options: &TwinOptions) -> Res
         utc: None,
         units: BTreeMap::new(),
         new_file: false,
+        left_out: 0,
         options,
     };
     let twin = writer.run(run, Some(main))?;
@@ -129,6 +130,12 @@ pub fn append(program: &Program, run: &AsExecuted, options: &TwinOptions) -> Res
             ))?;
             writer.describe(twin, "enabled", "disabled")?;
         }
+    }
+    if writer.left_out > 0 {
+        notices.push(format!(
+            "{} toolpaths of the run have no recorded points and are left out",
+            writer.left_out
+        ));
     }
     let mut saved = edits.save()?;
     saved.notices.extend(notices);
@@ -156,6 +163,7 @@ pub fn write_new(run: &AsExecuted, options: &TwinOptions) -> Result<Vec<u8>, Wri
         utc: None,
         units: BTreeMap::new(),
         new_file: true,
+        left_out: 0,
         options,
     };
     let twin = writer.run(run, None)?;
@@ -427,6 +435,8 @@ struct Writer<'w> {
     /// Units of results that are neither lengths nor times.
     units: BTreeMap<String, u64>,
     new_file: bool,
+    /// Toolpaths without points.
+    left_out: u64,
     options: &'w TwinOptions,
 }
 
@@ -631,6 +641,7 @@ impl Writer<'_> {
     /// Writes one toolpath; `None` when it is no dwell and has no points.
     fn toolpath(&mut self, path: &ExecutedToolpath) -> Result<Option<u64>, WriteError> {
         if path.points.is_empty() && path.kind != PathKind::Dwell {
+            self.left_out += 1;
             return Ok(None);
         }
         if path.points.iter().any(|point| !point.position.is_finite()) {

@@ -330,12 +330,41 @@ fn alarms_name_the_instance_the_line_and_the_remedy() {
 }
 
 #[test]
+fn a_gap_of_rounding_between_paths_is_closed_and_a_real_one_is_a_rapid_link() {
+    for (start, expected) in [
+        ("10.002", "line (10.0000, 0.0000, 5.0000) -> (20.0000"),
+        ("10.5", "(10.5000, 0.0000, 5.0000) rapid derived"),
+    ] {
+        let second = format!(
+            "#140=MACHINING_TOOLPATH_SEQUENCE_RELATIONSHIP('','',#102,#141,2.);\n#141=MACHINING_TOOLPATH('next','cutter location trajectory','','');\n\
+             #220=POLYLINE('',(#221,#222));\n#221=CARTESIAN_POINT('',({start},0.,5.));\n#222=CARTESIAN_POINT('',(20.,0.,5.));\n{}",
+            holds(142, 141, "basic curve", 220, 7)
+        );
+        let text = steps(one_path(&format!("{LINE}{second}"), 7), options(), 200, |_| {
+            Answer::Truth(true)
+        });
+        assert!(text.contains(expected), "{text}");
+        assert_eq!(
+            text.matches("rapid derived").count(),
+            if start == "10.5" { 2 } else { 1 },
+            "{text}"
+        );
+    }
+}
+
+#[test]
 fn a_damaged_file_is_shown_and_not_run() {
     let text = String::from_utf8(one_path(LINE, 7).file().bytes().to_vec()).expect("ASCII");
     let cut = &text[..text.len() - 60];
     let program = Program::read("cut.stpnc", cut.as_bytes().to_vec()).expect("a Part 21 file");
     assert_eq!(stepnc::inspect::inspect(&program).tree.len(), 1);
-    alarm(program, options(), expect!["error: cut.stpnc:55:6: #202 has no entity name; the file is damaged and parts of it may be missing: it can be inspected, and is not run; export it again"]);
+    alarm(
+        program,
+        options(),
+        expect![
+            "error: cut.stpnc:55:6: #202 has no entity name; the file is damaged and parts of it may be missing: it can be inspected, and is not run; export it again"
+        ],
+    );
 }
 
 #[test]

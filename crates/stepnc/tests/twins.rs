@@ -179,7 +179,8 @@ fn a_run_is_written_in_the_unit_of_its_planned_path_and_read_back() {
     // 0.01 mm beside a path in inches.
     assert!(bytes.contains("CARTESIAN_POINT('',(1.000393701,0.,0.5))"), "{bytes}");
     assert!(
-        bytes.contains("'2026-11-21T11:30:00Z'") && bytes.contains("LOCAL_TIME(10,30,0.,"),
+        bytes.contains("FILE_NAME('own','2026-11-21T11:30:00Z',(''),(''),'toolmark','','');")
+            && bytes.contains("LOCAL_TIME(10,30,0.,"),
         "{bytes}"
     );
     expect![[r#"

@@ -762,6 +762,7 @@ fn speed_profile(aim: Aim, representation: u64) -> Result<Option<SpeedProfile>, 
     if aim.keyword(item) == "DESCRIPTIVE_REPRESENTATION_ITEM" {
         return match aim.description(item).as_deref() {
             Some("rapid") => Ok(None),
+            _ if aim.item_name(item) == "rapid" => Ok(None),
             _ => Err(fault("the only speed that has a name is 'rapid'")),
         };
     }
