@@ -1,11 +1,11 @@
 //! What can be made to go wrong, by hand or from a seed.
 
 use machine::QUEUE;
-use plan::{Answer, Diagnostic, FileId, FrameChange, Level, Move, Next, Path, ProgramStream, Speed, Step, StepKind};
+use plan::{Answer, Diagnostic, FileId, FrameChange, Level, MachineMove, Move, Next, Path, ProgramStream, Speed, Step, StepKind};
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
 use std::collections::VecDeque;
-use units::{Machine, Millimetres, Point, Setup, Tick, ToolNumber, Transform};
+use units::{Machine, Millimetres, Point, Setup, Tick, ToolNumber, Transform, Vector};
 
 /// One thing that goes wrong.
 #[derive(Clone, Debug, PartialEq)]
@@ -153,9 +153,11 @@ pub struct ShiftedSetup<'a> {
     begun: u32,
     /// Open workingsteps, and whether each is the shifted one.
     open: Vec<bool>,
-    /// Where the tip is in the machine, tool offset left out.
+    /// From tip to gauge point.
+    offset: Vector<Machine>,
+    /// Where the tip is in the machine; `None` before the first move, when it is where the program believes.
     tip: Option<Point<Machine>>,
-    /// The frame was changed by us: the next move has to be joined.
+    /// The tip is not where the program believes: the next move has to be joined.
     joint: bool,
     ready: VecDeque<Step>,
 }
@@ -170,6 +172,7 @@ impl<'a> ShiftedSetup<'a> {
             frame: None,
             begun: 0,
             open: Vec::new(),
+            offset: Vector::ZERO,
             tip: None,
             joint: false,
             ready: VecDeque::new(),
@@ -223,8 +226,19 @@ impl<'a> ShiftedSetup<'a> {
                 self.ready.push_back(step);
             }
             StepKind::Move(_) => self.take_move(step),
-            StepKind::MachineMove(_) => {
-                self.tip = None;
+            StepKind::MachineMove(MachineMove { to }) => {
+                if let Some(tip) = self.tip {
+                    let gauge = tip + self.offset;
+                    let reached = std::array::from_fn(|k| to[k].map_or(gauge.xyz[k], |place| place.0));
+                    self.tip = Some(Point::from_xyz(reached) + -self.offset);
+                    self.joint = true;
+                }
+                self.ready.push_back(step);
+            }
+            StepKind::ToolOffset(offset) => {
+                // The gauge point stays, so the tip is another place.
+                self.tip = self.tip.map(|tip| tip + self.offset + -offset.total());
+                self.offset = offset.total();
                 self.ready.push_back(step);
             }
             _ => self.ready.push_back(step),
@@ -241,29 +255,34 @@ impl<'a> ShiftedSetup<'a> {
 
     fn take_move(&mut self, mut step: Step) {
         let machine_from_setup = self.in_force().machine_from_setup;
+        let believed = self
+            .frame
+            .as_ref()
+            .map_or(Transform::IDENTITY, |frame| frame.machine_from_setup);
         let StepKind::Move(this) = &mut step.kind else { return };
-        let joint = std::mem::take(&mut self.joint);
-        if let (true, Some(tip)) = (joint, self.tip) {
-            let here: Point<Setup> = machine_from_setup.inverse() * tip;
-            if here.distance(this.path.start()) > 1e-9 {
-                match &mut this.path {
-                    Path::Line { from, .. } => *from = here,
-                    other => {
-                        let link = Move {
-                            path: Path::Line {
-                                from: here,
-                                to: other.start(),
-                            },
-                            speed: Speed::Rapid,
-                            profile: None,
-                            derived: true,
-                        };
-                        self.ready.push_back(Step {
-                            id: step.id,
-                            origin: step.origin,
-                            kind: StepKind::Move(link),
-                        });
-                    }
+        let tip = self.tip.unwrap_or(believed * this.path.start());
+        let here: Point<Setup> = machine_from_setup.inverse() * tip;
+        let gap = here.distance(this.path.start());
+        // Only the gap that the shift makes is closed; one of the program's own is left for the planner to find.
+        let ours = Vector::<Machine>::from_xyz(self.shift).length() + 1e-6;
+        if std::mem::take(&mut self.joint) && gap > 1e-9 && gap <= ours {
+            match &mut this.path {
+                Path::Line { from, .. } => *from = here,
+                other => {
+                    let link = Move {
+                        path: Path::Line {
+                            from: here,
+                            to: other.start(),
+                        },
+                        speed: Speed::Rapid,
+                        profile: None,
+                        derived: true,
+                    };
+                    self.ready.push_back(Step {
+                        id: step.id,
+                        origin: step.origin,
+                        kind: StepKind::Move(link),
+                    });
                 }
             }
         }
@@ -289,6 +308,7 @@ impl ProgramStream for ShiftedSetup<'_> {
     fn rewind(&mut self) {
         self.inner.rewind();
         (self.frame, self.begun, self.tip, self.joint) = (None, 0, None, false);
+        self.offset = Vector::ZERO;
         self.open.clear();
         self.ready.clear();
     }
@@ -305,8 +325,9 @@ impl ProgramStream for ShiftedSetup<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plan::ToolOffset;
     use plan::{Arc, Feed, Marker, Origin, Place};
-    use units::{MmPerSec, Radians, StepId, Vector};
+    use units::{MmPerSec, Radians, StepId};
 
     /// A program from a list.
     struct Listed(Vec<StepKind>, usize);
@@ -432,6 +453,55 @@ mod tests {
             shifted.rewind();
             assert_eq!(all(&mut shifted), steps);
         }
+    }
+
+    #[test]
+    fn the_first_workingstep_can_be_shifted_and_tool_lengths_and_machine_moves_do_not_tear_the_path() {
+        let offset = |z: f64| {
+            StepKind::ToolOffset(ToolOffset {
+                number: 1,
+                geometry: Vector::new(0.0, 0.0, z),
+                ..ToolOffset::NONE
+            })
+        };
+        let up = StepKind::MachineMove(MachineMove {
+            to: [None, None, Some(Millimetres(200.0))],
+        });
+        // A reader says where it believes the tip to be: a tool 60 mm longer brings the tip down by 60.
+        let program = Listed(
+            vec![
+                offset(40.0),
+                begin("first"),
+                line([0.0, 0.0, -40.0], [10.0, 0.0, 0.0]),
+                up,
+                line([10.0, 0.0, 160.0], [10.0, 0.0, 5.0]),
+                StepKind::End(Level::Workingstep),
+                offset(100.0),
+                line([10.0, 0.0, -55.0], [0.0, 0.0, 0.0]),
+            ],
+            0,
+        );
+        let shift = [0.2, 0.0, 0.1];
+        let mut shifted = ShiftedSetup::new(Box::new(program), WorkingstepSelector::Number(1), shift);
+        let (mut gauge, mut frame, mut length) = (Point::<Machine>::ORIGIN, Transform::IDENTITY, Vector::ZERO);
+        let mut ends = Vec::new();
+        for step in all(&mut shifted) {
+            match step.kind {
+                StepKind::Frame(change) => frame = change.machine_from_setup,
+                StepKind::ToolOffset(offset) => length = offset.total(),
+                StepKind::MachineMove(m) => {
+                    gauge = Point::from_xyz(std::array::from_fn(|k| m.to[k].map_or(gauge.xyz[k], |p| p.0)));
+                }
+                StepKind::Move(m) => {
+                    let from: Point<Machine> = frame * m.path.start() + length;
+                    assert!(from.distance(gauge) < 1e-9, "torn: {from:?} after {gauge:?}");
+                    gauge = frame * m.path.end() + length;
+                    ends.push(gauge.xyz);
+                }
+                _ => {}
+            }
+        }
+        assert_eq!(ends, [[10.2, 0.0, 40.1], [10.2, 0.0, 45.1], [0.0, 0.0, 100.0]]);
     }
 
     #[test]
