@@ -57,6 +57,7 @@ fn check(text: &str, dialect: &str, tables: Tables, expected: Expect) {
     assert_eq!(found.profile.name, dialect, "{}", found.because);
     let mut program = open_with(text.as_bytes(), dialect, tables, Options::default()).expect("it opens");
     let seconds = seconds_of(&mut program);
+    println!("{dialect}: {seconds:.1} s of machining");
     assert!((15.0..50.0).contains(&seconds), "{seconds} s");
     assert_eq!(program.diagnostics(), []);
     let tree = inspect(&mut program, dialect, GcodeProgram::in_inches);
