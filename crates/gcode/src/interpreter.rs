@@ -876,7 +876,7 @@ impl Interpreter {
 
     fn once(&mut self, once: Once, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
         match once {
-            Once::Dwell => self.dwell(at, block),
+            Once::Dwell => self.dwell(at, block, site),
             Once::SetOffset => self.set_offset(at, block, site),
             Once::Home => self.home(at, [0.0; 3], block, site),
             Once::SecondReference => self.second_reference(at, block, site),
@@ -891,8 +891,19 @@ impl Interpreter {
         }
     }
 
-    fn dwell(&mut self, at: usize, block: &mut Block) -> Outcome<()> {
+    fn dwell(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
         let seconds = if let Some(p) = block.take(b'P') {
+            if p.has_point && !self.profile.dwell_point_too {
+                self.note(Severity::Warning, "dwell-point", site, p.at, || {
+                    (
+                        format!(
+                            "P with a point is read as {} seconds; some controls read milliseconds or alarm",
+                            p.value
+                        ),
+                        "write P without a point for milliseconds".to_owned(),
+                    )
+                });
+            }
             p.value * self.dwell_factor(p)
         } else if let Some(x) = block.take(b'X').or_else(|| block.take(b'U')) {
             x.value

@@ -340,7 +340,8 @@ fn blocks_behind_a_skip_switch_that_is_on_are_left_out_macro_statements_too() {
         5 line 1 200 400 -> 3 200 400 rapid
         7 end Workingstep
         7 end Program
-    "#]].assert_eq(&listing(program, "fanuc-mill", mill_tables(), options));
+    "#]]
+    .assert_eq(&listing(program, "fanuc-mill", mill_tables(), options));
 }
 
 #[test]
@@ -356,14 +357,17 @@ fn a_leader_and_a_byte_order_mark_are_no_part_of_the_program() {
             5 end Program
         "#]],
     );
-    mill("\u{feff}G21 G0 X0\nM30", expect![[r#"
+    mill(
+        "\u{feff}G21 G0 X0\nM30",
+        expect![[r#"
         - begin Program 'test.nc'
         - frame G54 at -300 -200 -400
         1 begin Workingstep 'test.nc' derived
         1 line 300 200 400 -> 0 200 400 rapid
         2 end Workingstep
         2 end Program
-    "#]]);
+    "#]],
+    );
 }
 
 #[test]
@@ -375,7 +379,8 @@ fn a_turned_work_offset_is_refused() {
         - begin Program 'test.nc'
         - frame G54 at -300 -200 -400
         error: test.nc:2:1: work offset G55 is turned: G-code work offsets are shifts here; enter it as a shift
-    "#]].assert_eq(&listing("G21\nG55 X0\nM30", "fanuc-mill", tables, Options::default()));
+    "#]]
+    .assert_eq(&listing("G21\nG55 X0\nM30", "fanuc-mill", tables, Options::default()));
 }
 
 #[test]
