@@ -107,6 +107,31 @@ impl Chain {
         };
         event
     }
+
+    /// Checks that `event` is whole and comes next, and moves on to it: for chains too long to be held in memory.
+    ///
+    /// # Errors
+    /// What is wrong with it; the chain stays where it was.
+    pub fn follow(&mut self, event: &Event) -> Result<(), Broken> {
+        if event.sequence != self.sequence + 1 {
+            return Err(Broken::Sequence {
+                expected: self.sequence + 1,
+                found: event.sequence,
+            });
+        }
+        if event.previous != self.hash.to_string() {
+            return Err(Broken::Link(event.sequence));
+        }
+        let hash = event.compute_hash();
+        if event.hash != hash.to_string() {
+            return Err(Broken::Content(event.sequence));
+        }
+        *self = Chain {
+            sequence: event.sequence,
+            hash,
+        };
+        Ok(())
+    }
 }
 
 /// Where a chain is broken.
@@ -134,25 +159,7 @@ pub enum Broken {
 /// The first place at which it is broken.
 pub fn verify<'a>(events: impl IntoIterator<Item = &'a Event>) -> Result<Chain, Broken> {
     let mut end = Chain::default();
-    for event in events {
-        if event.sequence != end.sequence + 1 {
-            return Err(Broken::Sequence {
-                expected: end.sequence + 1,
-                found: event.sequence,
-            });
-        }
-        if event.previous != end.hash.to_string() {
-            return Err(Broken::Link(event.sequence));
-        }
-        let hash = event.compute_hash();
-        if event.hash != hash.to_string() {
-            return Err(Broken::Content(event.sequence));
-        }
-        end = Chain {
-            sequence: event.sequence,
-            hash,
-        };
-    }
+    events.into_iter().try_for_each(|event| end.follow(event))?;
     Ok(end)
 }
 

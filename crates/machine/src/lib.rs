@@ -3,12 +3,31 @@
 //! `no_std` without `alloc`: `Vec`, `String` and `format!` do not compile in here, queues are bounded and full is an answer. Positions
 //! are gauge-point axis positions in the machine frame, mm.
 //!
-//! Read on: [`command`] for what comes in, [`sample`] for what goes out and what a record's columns are.
+//! Read on: [`command`] for what comes in, [`sample`] for what goes out and what a record's columns are, [`state`] for the table of
+//! states, [`controller`] for stopping on the path and supervision, [`drive`] for the border to real and simulated drives, [`plant`] for
+//! the simulated ones, [`realtime`] for all of it in one cycle.
 
 #![no_std]
 
 pub mod command;
+pub mod controller;
+pub mod drive;
+pub mod parameters;
+pub mod plant;
+pub mod realtime;
+pub mod ring;
 pub mod sample;
+pub mod servo;
+pub mod state;
 
 pub use command::{Command, CoolantOutlets, SetPoint, SpindleCommand};
+pub use controller::{Controller, Counters, QUEUE, Request};
+pub use drive::{AxisOrder, CyclicDrive, DriveMode, DriveOrders, Feedback};
+pub use parameters::{
+    AxisParameters, CuttingParameters, MachineParameters, Mechanics, ParameterError, ServoGains, SpindleParameters,
+};
+pub use plant::Plant;
+pub use realtime::{RealtimeHalf, Report};
+pub use ring::Ring;
 pub use sample::{CHANNELS, Channel, Phase, Quality, Sample};
+pub use state::{Event, FaultCause, State, StopCause, Wait};

@@ -138,6 +138,16 @@ impl Diagnostics {
             None => self.0.push(found),
         }
     }
+    /// Counts one more of a kind that was met before, without making its text again; false when the kind is new.
+    pub fn count_again(&mut self, code: &str) -> bool {
+        match self.0.iter_mut().find(|d| d.code == code) {
+            Some(known) => {
+                known.count = known.count.saturating_add(1);
+                true
+            }
+            None => false,
+        }
+    }
     /// All kinds found.
     pub fn as_slice(&self) -> &[Diagnostic] {
         &self.0

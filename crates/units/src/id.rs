@@ -31,3 +31,36 @@ impl fmt::Display for ToolNumber {
         write!(f, "T{}", self.0)
     }
 }
+
+/// A linear axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Axis {
+    /// Lathe: across the spindle, a radius.
+    X,
+    /// Across X and Z.
+    Y,
+    /// Along the spindle.
+    Z,
+}
+
+impl Axis {
+    /// All of them, in the order in which coordinates stand.
+    pub const ALL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+    /// Its place among coordinates.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+    /// The small letter of registers and keys.
+    pub const fn letter(self) -> char {
+        match self {
+            Axis::X => 'x',
+            Axis::Y => 'y',
+            Axis::Z => 'z',
+        }
+    }
+}
+impl fmt::Display for Axis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(["X", "Y", "Z"][self.index()])
+    }
+}

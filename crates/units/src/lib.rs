@@ -15,7 +15,7 @@ pub mod quantity;
 
 pub use clock::{Tick, Timestamp};
 pub use frame::{Frame, Machine, Part, Point, Setup, Transform, Vector};
-pub use id::{StepId, ToolNumber, WorkingstepId};
+pub use id::{Axis, StepId, ToolNumber, WorkingstepId};
 pub use quantity::{Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Radians, Rpm, Seconds};
 
 /// Millimetres in one inch, exact by definition (ISO 31-1).

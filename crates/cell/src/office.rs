@@ -1,0 +1,442 @@
+//! The office half: keeps the machine's queue filled, pairs every step with the tick at which its turn came, answers the program's
+//! questions, and writes the log.
+//!
+//! It hears of the machine only through [`Report`]s and speaks to it only through commands and requests, so the realtime half may be in
+//! the same thread, in another, or at the end of a wire.
+
+use crate::events::{self, Detail, detail};
+use crate::sink::RecordSink;
+use crate::source::{CommandSource, Output};
+use ledger::Chain;
+use machine::{Command, Counters, FaultCause, Report, Request, Sample, State, StopCause, Wait};
+use plan::{Alarm, Answer, Level, Question, Step, StepKind};
+use serde_json::{Value, json};
+use std::collections::VecDeque;
+use units::{StepId, Tick, Timestamp};
+
+/// Steps without motion that may wait for their turn: more of them wait in the program.
+const PENDING: usize = 4096;
+/// A measured speed below this is noise, mm/s.
+const STANDSTILL: f64 = 2.0;
+
+/// Cycles for which the axes have to stand before a run is over.
+const SETTLING: u64 = 30;
+/// Cycles for which the person waits at a starved machine for set-points to come back: a minute.
+const PATIENCE: u64 = 60_000;
+
+/// What the person at the machine does; by default nobody is there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Operator {
+    /// The optional-stop switch.
+    pub optional_stop: bool,
+    /// Cycles after which a paused, held or starved machine gets cycle start; `None`: never, and the run ends there.
+    pub cycle_start_after: Option<u64>,
+}
+
+/// How a run ended.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Ended {
+    /// The program ran to its end.
+    Completed,
+    /// The program could not go on.
+    Alarm(Box<Alarm>),
+    /// A controlled stop.
+    Stopped(StopCause),
+    /// The emergency stop.
+    EmergencyStop,
+    /// A fault of the machine.
+    Fault(FaultCause),
+    /// The machine waits for cycle start and nobody is there.
+    Waiting,
+}
+
+impl Ended {
+    /// One word for scripts.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Ended::Completed => "completed",
+            Ended::Alarm(_) => "alarm",
+            Ended::Stopped(_) => "stopped",
+            Ended::EmergencyStop => "emergency-stop",
+            Ended::Fault(_) => "fault",
+            Ended::Waiting => "waiting",
+        }
+    }
+
+    /// A sentence for people.
+    pub fn text(&self) -> String {
+        match self {
+            Ended::Completed => "the program ran to its end".to_owned(),
+            Ended::Alarm(alarm) => alarm.to_string(),
+            Ended::Stopped(cause) => format!("controlled stop: {}", cause.text()),
+            Ended::EmergencyStop => "emergency stop".to_owned(),
+            Ended::Fault(cause) => format!("fault: {}", cause.text()),
+            Ended::Waiting => "the machine waits for cycle start and nobody is there".to_owned(),
+        }
+    }
+}
+
+/// Answers a program's question; the sample is the machine's last.
+pub type Answers<'a> = Box<dyn FnMut(&Question, &Sample) -> Answer + 'a>;
+
+/// The office half of one run.
+pub struct OfficeHalf<'a, S> {
+    source: S,
+    operator: Operator,
+    answers: Option<Answers<'a>>,
+    start: Timestamp,
+    chain: Chain,
+    /// A command that the machine's queue had no place for.
+    waiting: Option<Command>,
+    /// Commands that the machine took.
+    commands: u64,
+    /// What has its turn when that many commands are done.
+    pending: VecDeque<(u64, Pending)>,
+    last_step: StepId,
+    workingsteps: u32,
+    asked: Option<Question>,
+    answer: Option<Answer>,
+    said_end: bool,
+    source_over: bool,
+    /// The program alarmed; its turn has come and it is told.
+    alarm: Option<Box<Alarm>>,
+    state: State,
+    counters: Counters,
+    lost_reports: u64,
+    /// Cycles in the present waiting state.
+    waited: u64,
+    /// Cycles for which the axes have stood.
+    stood: u64,
+    /// Commands that the machine had taken when its state changed last.
+    commands_at_change: u64,
+    last_sample: Sample,
+    ended: Option<Ended>,
+}
+
+enum Pending {
+    Step(Step),
+    Alarm(Alarm),
+}
+
+impl<'a, S: CommandSource> OfficeHalf<'a, S> {
+    /// An office half for one run that begins at `start`. Events go on the end of `chain`.
+    pub fn new(source: S, operator: Operator, start: Timestamp, chain: Chain) -> Self {
+        OfficeHalf {
+            source,
+            operator,
+            answers: None,
+            start,
+            chain,
+            waiting: None,
+            commands: 0,
+            pending: VecDeque::new(),
+            last_step: StepId::NONE,
+            workingsteps: 0,
+            asked: None,
+            answer: None,
+            said_end: false,
+            source_over: false,
+            alarm: None,
+            state: State::Off,
+            counters: Counters::default(),
+            lost_reports: 0,
+            waited: 0,
+            stood: 0,
+            commands_at_change: 0,
+            last_sample: Sample::default(),
+            ended: None,
+        }
+    }
+
+    /// Answers questions other than the optional stop; without it they are answered by [`Answer::Unknown`].
+    pub fn answered_by(mut self, answers: Answers<'a>) -> Self {
+        self.answers = Some(answers);
+        self
+    }
+
+    /// Gives the machine what it takes. `push` is the machine's end of the queue.
+    pub fn refill(&mut self, mut push: impl FnMut(Command) -> Result<(), Command>) {
+        if self.ended.is_some() {
+            return;
+        }
+        loop {
+            if let Some(command) = self.waiting.take() {
+                if let Err(back) = push(command) {
+                    self.waiting = Some(back);
+                    return;
+                }
+                self.commands += 1;
+            }
+            if self.asked.is_some() || self.source_over || self.pending.len() >= PENDING {
+                return;
+            }
+            match self.source.next(self.answer.take()) {
+                Output::Command(command) => {
+                    self.said_end = matches!(command, Command::End { .. });
+                    self.waiting = Some(command);
+                }
+                Output::Passed(step) => {
+                    self.last_step = step.id;
+                    self.pending.push_back((self.commands, Pending::Step(step)));
+                }
+                Output::Ask(question) => self.asked = Some(question),
+                Output::End => {
+                    self.source_over = true;
+                    if !self.said_end {
+                        self.waiting = Some(Command::End { step: self.last_step });
+                    }
+                }
+                Output::Alarm(alarm) => {
+                    self.source_over = true;
+                    self.pending.push_back((self.commands, Pending::Alarm(alarm)));
+                }
+            }
+        }
+    }
+
+    /// Hears of one cycle: gives sample and events to the sink, and says what the person or the office wants of the machine now.
+    /// `truth` is where a simulator's slides really are, mm ([`RecordSink::truth`]).
+    pub fn receive(&mut self, report: &Report, truth: Option<[f64; 3]>, sink: &mut dyn RecordSink) -> Option<Request> {
+        sink.sample(&report.sample);
+        if let Some(position) = truth {
+            sink.truth(&report.sample, position);
+        }
+        self.last_sample = report.sample;
+        self.stood = if stands(report) { self.stood + 1 } else { 0 };
+        self.tell_counts(report, sink);
+        self.tell_steps(report, sink);
+        self.tell_state(report, sink);
+        if self.ended.is_some() {
+            return None;
+        }
+        self.answer_question(report, sink);
+        self.decide(report, sink)
+    }
+
+    /// Reports that were lost on the way, in all: a gap in the record is told.
+    pub fn reports_lost(&mut self, lost: u64, now: Tick, sink: &mut dyn RecordSink) {
+        if lost > self.lost_reports {
+            let count = lost - self.lost_reports;
+            self.lost_reports = lost;
+            self.emit(
+                "record-gap",
+                self.last_sample.step,
+                now,
+                detail(json!({ "count": count })),
+                sink,
+            );
+        }
+    }
+
+    /// Appends an event of the run's own to the log: `job-started`, and what only the caller knows.
+    pub fn tell(&mut self, kind: &str, now: Tick, data: Detail, sink: &mut dyn RecordSink) {
+        self.emit(kind, StepId::NONE, now, data, sink);
+    }
+
+    /// How the run ended; `None` while it goes on.
+    pub fn ended(&self) -> Option<&Ended> {
+        self.ended.as_ref()
+    }
+
+    /// Commands that the machine took.
+    pub fn commands(&self) -> u64 {
+        self.commands
+    }
+
+    /// The end of the log.
+    pub fn chain(&self) -> Chain {
+        self.chain
+    }
+
+    /// Where the commands come from.
+    pub fn source(&self) -> &S {
+        &self.source
+    }
+
+    fn emit(&mut self, kind: &str, step: StepId, tick: Tick, mut data: Detail, sink: &mut dyn RecordSink) {
+        data.insert("step".to_owned(), Value::from(step.0));
+        data.insert("tick".to_owned(), Value::from(tick.0));
+        let event = self.chain.append(self.start.at(tick), kind, data);
+        sink.event(&event);
+    }
+
+    /// Events of the steps whose turn has come.
+    fn tell_steps(&mut self, report: &Report, sink: &mut dyn RecordSink) {
+        let tick = report.sample.tick;
+        while self
+            .pending
+            .front()
+            .is_some_and(|(after, _)| *after <= report.counters.completed)
+        {
+            match self.pending.pop_front() {
+                None => return,
+                Some((_, Pending::Step(step))) => {
+                    let Some((kind, mut data)) = events::of_step(&step) else {
+                        continue;
+                    };
+                    if matches!(&step.kind, StepKind::Begin(marker) if marker.level == Level::Workingstep) {
+                        self.workingsteps += 1;
+                        data.insert("workingstep".to_owned(), Value::from(self.workingsteps));
+                    }
+                    self.emit(kind, step.id, tick, data, sink);
+                }
+                Some((after, Pending::Alarm(alarm))) => {
+                    self.pending.push_front((after, Pending::Alarm(alarm)));
+                    self.tell_alarm(tick, sink);
+                }
+            }
+        }
+    }
+
+    /// True when nothing but an alarm is left to tell.
+    fn alarms_next(&self) -> bool {
+        matches!(self.pending.front(), Some((_, Pending::Alarm(_))))
+    }
+
+    fn tell_alarm(&mut self, tick: Tick, sink: &mut dyn RecordSink) {
+        if let Some((_, Pending::Alarm(alarm))) = self.pending.pop_front() {
+            self.emit("alarm", self.last_step, tick, events::of_alarm(&alarm), sink);
+            self.alarm = Some(Box::new(alarm));
+        }
+    }
+
+    /// Events of what the machine counts.
+    fn tell_counts(&mut self, report: &Report, sink: &mut dyn RecordSink) {
+        let (old, new) = (self.counters, report.counters);
+        if old == new {
+            return;
+        }
+        self.counters = new;
+        let Sample { tick, step, .. } = report.sample;
+        if new.late_ticks > old.late_ticks {
+            let lost = new.late_ticks - old.late_ticks;
+            self.emit("late", step, tick, detail(json!({ "lost_ticks": lost })), sink);
+        }
+        for (kind, before, after) in [
+            ("following-warning", old.following_warnings, new.following_warnings),
+            ("encoder-bridged", old.bridged_readings, new.bridged_readings),
+            ("spindle-limited", old.spindle_limited, new.spindle_limited),
+            ("off-path-stop", old.off_path_stops, new.off_path_stops),
+            ("starved", old.starvations, new.starvations),
+        ] {
+            if after > before {
+                self.emit(kind, step, tick, detail(json!({ "count": after - before })), sink);
+            }
+        }
+    }
+
+    /// Events of the machine's states.
+    fn tell_state(&mut self, report: &Report, sink: &mut dyn RecordSink) {
+        let (before, after) = (self.state, report.state);
+        if before == after {
+            self.waited += 1;
+            return;
+        }
+        self.state = after;
+        self.waited = 0;
+        self.commands_at_change = self.commands;
+        let Sample { tick, step, .. } = report.sample;
+        let (kind, data) = match after {
+            State::Holding | State::WaitingThenHold(_) => ("hold", Detail::new()),
+            State::Held if before == State::Waiting(Wait::Commands) => ("hold", Detail::new()),
+            State::Running if matches!(before, State::Held | State::Paused | State::Holding | State::Stopped(_)) => {
+                ("cycle-start", Detail::new())
+            }
+            State::Stopping(cause) => ("controlled-stop", events::of_stop(cause)),
+            State::Stopped(cause) => {
+                // A stop at rest is begun and over in one cycle.
+                if !matches!(before, State::Stopping(_)) {
+                    self.emit("controlled-stop", step, tick, events::of_stop(cause), sink);
+                }
+                ("stopped", events::of_stop(cause))
+            }
+            State::EmergencyStop => ("emergency-stop", Detail::new()),
+            State::EmergencyStopReleased => ("emergency-stop-released", Detail::new()),
+            State::Fault(cause) => ("fault", events::of_fault(cause)),
+            _ => return,
+        };
+        self.emit(kind, step, tick, data, sink);
+    }
+
+    /// A question is answered when everything before it is done and the machine stands.
+    fn answer_question(&mut self, report: &Report, sink: &mut dyn RecordSink) {
+        let everything_done = report.idle && report.counters.completed == self.commands && self.waiting.is_none();
+        if !everything_done || !self.pending.is_empty() || !stands(report) {
+            return;
+        }
+        let Some(question) = self.asked.take() else { return };
+        let answer = match (&question, &mut self.answers) {
+            (Question::OptionalStop, _) => Answer::Truth(self.operator.optional_stop),
+            (_, Some(answers)) => answers(&question, &report.sample),
+            (_, None) => Answer::Unknown,
+        };
+        let data = events::of_question(&question, answer);
+        self.emit("question", self.last_step, report.sample.tick, data, sink);
+        self.answer = Some(answer);
+    }
+
+    /// Whether the run is over, and what is asked of the machine.
+    fn decide(&mut self, report: &Report, sink: &mut dyn RecordSink) -> Option<Request> {
+        let all_done =
+            self.source_over && self.waiting.is_none() && self.pending.is_empty() && report.counters.completed == self.commands;
+        let at_rest = stands(report);
+        let mut request = None;
+        let mut ended = None;
+        match report.state {
+            State::Ready if all_done && at_rest => ended = Some(self.alarm.clone().map_or(Ended::Completed, Ended::Alarm)),
+            // The program alarmed: what came before is done, the machine stops for good.
+            State::Running | State::Waiting(Wait::Commands) if self.alarm.is_some() && report.idle => {
+                request = Some(Request::Stop);
+            }
+            State::Stopped(cause) if self.alarm.is_some() && at_rest => {
+                ended = Some(self.alarm.clone().map_or(Ended::Stopped(cause), Ended::Alarm));
+            }
+            // It alarmed in the middle of a motion: the path ends there, and so does the run.
+            State::Stopped(StopCause::Starved) if at_rest && self.alarms_next() => {
+                self.tell_alarm(report.sample.tick, sink);
+            }
+            State::Stopped(cause) if cause.can_go_on() && at_rest => {
+                // Going on makes sense when something new has come since the stop.
+                let news = self.commands > self.commands_at_change;
+                let none_to_come = self.asked.is_some() || (self.source_over && self.waiting.is_none());
+                match self.operator.cycle_start_after {
+                    Some(cycles) if news => {
+                        if self.waited >= cycles {
+                            request = Some(Request::CycleStart);
+                        }
+                    }
+                    Some(_) if !none_to_come && self.waited < PATIENCE => {}
+                    _ => ended = Some(Ended::Stopped(cause)),
+                }
+            }
+            State::Stopped(cause) if at_rest => ended = Some(Ended::Stopped(cause)),
+            State::EmergencyStop | State::EmergencyStopReleased if at_rest => ended = Some(Ended::EmergencyStop),
+            State::Fault(cause) if at_rest => ended = Some(Ended::Fault(cause)),
+            State::Paused | State::Held if at_rest => match self.operator.cycle_start_after {
+                Some(cycles) if self.waited >= cycles => request = Some(Request::CycleStart),
+                Some(_) => {}
+                None => ended = Some(Ended::Waiting),
+            },
+            _ => {}
+        }
+        // Rest has to last: the axes settle, and noise can hide a slow motion.
+        if let Some(ended) = ended
+            && self.waited.min(self.stood) >= SETTLING
+        {
+            let data = detail(json!({
+                "ended": ended.word(),
+                "text": ended.text(),
+                "commands": self.commands,
+                "completed": report.counters.completed,
+                "discarded": report.counters.discarded,
+            }));
+            self.emit("job-ended", report.sample.step, report.sample.tick, data, sink);
+            self.ended = Some(ended);
+        }
+        request
+    }
+}
+
+fn stands(report: &Report) -> bool {
+    report.sample.velocity.iter().all(|v| v.abs() < STANDSTILL)
+}

@@ -1,0 +1,29 @@
+//! G-code of mills and lathes, with Custom Macro B: text in, the one program stream out.
+//!
+//! The main type is [`GcodeProgram`], a [`plan::ProgramStream`] over a file of any size: it is read in windows, block by block, and a
+//! block's steps are handed on before the next one is read. Families of controls are data ([`PROFILES`]); [`detect`] guesses the family
+//! and says why. [`inspect`](inspect::inspect) makes the tree of any program stream.
+//!
+//! What it deliberately does not do yet, and alarms about with line and column: branches, loops and calls of Custom Macro B, the canned
+//! cycles of lathes, cutter compensation with a radius, threading, scaling, rotation and polar coordinates.
+//!
+//! Read on: [`program`] for the stream, `interpreter` for the meaning of a block, [`macro_b`] for expressions, [`profile`] for what
+//! differs between controls.
+
+mod arc;
+mod block;
+pub mod detect;
+mod fault;
+pub mod inspect;
+mod interpreter;
+pub mod macro_b;
+mod motion;
+mod offsets;
+pub mod profile;
+pub mod program;
+mod text;
+
+pub use detect::{Detected, detect};
+pub use macro_b::Value;
+pub use profile::{PROFILES, Profile};
+pub use program::{GcodeProgram, Options, WholeNumbers};

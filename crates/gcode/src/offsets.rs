@@ -1,0 +1,506 @@
+//! Work offsets, tool offsets, and the system variables that show them.
+//!
+//! The law everywhere: a change of offset moves no axis. The gauge point stays where it is in the machine, and the place of the tip is
+//! counted anew: `tip = gauge - tool offset - origin of the frame`.
+
+use crate::block::Block;
+use crate::fault::{Fault, Outcome, Site};
+use crate::interpreter::{Interpreter, missing_word};
+use crate::macro_b::{Refusal, Value};
+use crate::profile::{Register, Side};
+use plan::{FrameChange, Missing, Severity, StepKind, ToolOffset};
+use std::collections::BTreeMap;
+use units::{Machine, Setup, ToolNumber, Transform, Vector};
+
+/// Which work offset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum WorkKey {
+    /// Added to all others.
+    External,
+    /// G54 to G59 as 1 to 6.
+    Standard(u8),
+    /// G54.1 P.
+    More(u16),
+}
+
+impl WorkKey {
+    /// Its name in the tables.
+    pub(crate) fn name(self) -> String {
+        match self {
+            WorkKey::External => "EXT".to_owned(),
+            WorkKey::Standard(n) => format!("G{}", 53 + u16::from(n)),
+            WorkKey::More(p) => format!("G54.1 P{p}"),
+        }
+    }
+
+    /// The offset and the axis (from 0) that a system variable shows.
+    fn of_variable(number: u32) -> Option<(WorkKey, usize)> {
+        let (key, index) = match number {
+            5201..=5220 => (WorkKey::External, number - 5201),
+            5221..=5340 => (WorkKey::Standard(((number - 5221) / 20 + 1) as u8), (number - 5221) % 20),
+            7001..=7960 => (WorkKey::More(((number - 7001) / 20 + 1) as u16), (number - 7001) % 20),
+            14_001..=20_000 => (WorkKey::More(((number - 14_001) / 20 + 1) as u16), (number - 14_001) % 20),
+            _ => return None,
+        };
+        Some((key, index as usize))
+    }
+}
+
+/// The frame in force, by its parts; all in the machine frame, mm.
+#[derive(Clone, Debug)]
+pub(crate) struct WorkFrame {
+    pub key: WorkKey,
+    /// Of the work offset and the external one.
+    pub base: [f64; 3],
+    /// G52.
+    pub local: [f64; 3],
+    /// G92, G50.
+    pub shift: [f64; 3],
+    pub assumed: bool,
+    /// Nothing may move in it: it is missing in the tables and nothing may be assumed.
+    pub forbidden: bool,
+    /// It was said that it is assumed.
+    noted: bool,
+    /// Offsets that the tables lack, with the axes that the program itself has set.
+    set_by_program: BTreeMap<WorkKey, [bool; 3]>,
+}
+
+impl Default for WorkFrame {
+    fn default() -> Self {
+        WorkFrame {
+            key: WorkKey::Standard(1),
+            base: [0.0; 3],
+            local: [0.0; 3],
+            shift: [0.0; 3],
+            assumed: false,
+            forbidden: false,
+            noted: false,
+            set_by_program: BTreeMap::new(),
+        }
+    }
+}
+
+impl WorkFrame {
+    /// The set-up's origin in the machine.
+    pub(crate) fn origin(&self) -> [f64; 3] {
+        std::array::from_fn(|k| self.base[k] + self.local[k] + self.shift[k])
+    }
+
+    fn name(&self) -> String {
+        let mut name = self.key.name();
+        for (part, word) in [(self.local, " G52"), (self.shift, " G92")] {
+            if part != [0.0; 3] {
+                name.push_str(word);
+            }
+        }
+        name
+    }
+}
+
+impl Interpreter {
+    // ---- frames
+
+    /// The gauge point in the machine.
+    pub(crate) fn gauge(&self) -> [f64; 3] {
+        let (origin, offset) = (self.frame.origin(), self.offset.total().xyz);
+        std::array::from_fn(|k| origin[k] + self.tip[k] + offset[k])
+    }
+
+    /// Counts the tip anew from a gauge point that has not moved.
+    fn place_tip(&mut self, gauge: [f64; 3]) {
+        let (origin, offset) = (self.frame.origin(), self.offset.total().xyz);
+        self.tip = std::array::from_fn(|k| gauge[k] - origin[k] - offset[k]);
+    }
+
+    /// Puts the tip where axis `axis` of the gauge point has come to.
+    pub(crate) fn place_axis(&mut self, axis: usize, gauge: f64) {
+        self.tip[axis] = gauge - self.frame.origin()[axis] - self.offset.total().xyz[axis];
+    }
+
+    pub(crate) fn first_frame(&mut self) {
+        let key = WorkKey::Standard(1);
+        let known = self.tables.work_offsets.get(&key.name()).copied();
+        self.frame.assumed = known.is_none();
+        self.frame.forbidden = match known {
+            None => self.tables.missing == Missing::Fail,
+            Some(offset) => !offset.is_shift(),
+        };
+        let gauge = self.gauge();
+        self.frame.base = self.base_of(key);
+        self.place_tip(gauge);
+        self.say_frame();
+    }
+
+    /// Origin of an offset with the external one added.
+    fn base_of(&self, key: WorkKey) -> [f64; 3] {
+        let of = |key: WorkKey| self.tables.work_offsets.get(&key.name()).map_or([0.0; 3], |t| t.origin);
+        let (own, external) = (of(key), of(WorkKey::External));
+        std::array::from_fn(|k| own[k] + external[k])
+    }
+
+    fn say_frame(&mut self) {
+        self.emit(StepKind::Frame(FrameChange {
+            name: self.frame.name(),
+            machine_from_setup: Transform::<Machine, Setup>::shift(self.frame.origin()),
+            assumed: self.frame.assumed,
+        }));
+    }
+
+    /// Changes parts of the frame; the machine stands still.
+    fn change_frame(&mut self, change: impl FnOnce(&mut WorkFrame)) {
+        let gauge = self.gauge();
+        let before = (self.frame.origin(), self.frame.key, self.frame.assumed);
+        change(&mut self.frame);
+        if before == (self.frame.origin(), self.frame.key, self.frame.assumed) {
+            return;
+        }
+        self.place_tip(gauge);
+        self.say_frame();
+    }
+
+    /// True when an offset is in the tables, or all its axes were set by the program.
+    fn is_known(&self, key: WorkKey) -> bool {
+        match self.frame.set_by_program.get(&key) {
+            Some(axes) => self.profile.variable_axes.iter().all(|a| axes[*a]),
+            None => self.tables.work_offsets.contains_key(&key.name()),
+        }
+    }
+
+    /// G54 to G59, G54.1 P.
+    pub(crate) fn select_work_offset(&mut self, key: WorkKey, at: usize, site: Site<'_>) -> Outcome<()> {
+        let known = self.is_known(key);
+        if !known {
+            self.missing(
+                "missing-work-offset",
+                site,
+                at,
+                &format!("work offset {}", key.name()),
+                "the machine's zero",
+            )?;
+        }
+        for used in [key, WorkKey::External] {
+            let turned = self.tables.work_offsets.get(&used.name()).is_some_and(|t| !t.is_shift());
+            if turned {
+                return Err(Fault::new(
+                    at,
+                    0,
+                    "turned-frame",
+                    format!("work offset {} is turned: G-code work offsets are shifts here", used.name()),
+                    "enter it as a shift",
+                ));
+            }
+        }
+        let base = self.base_of(key);
+        self.frame.noted = true;
+        self.change_frame(|f| {
+            (f.key, f.base, f.assumed, f.forbidden) = (key, base, !known, false);
+        });
+        Ok(())
+    }
+
+    /// Before the first move in a frame that was only taken for granted.
+    pub(crate) fn check_frame(&mut self, at: usize, site: Site<'_>) -> Outcome<()> {
+        if self.frame.forbidden {
+            self.select_work_offset(self.frame.key, at, site)?;
+        } else if self.frame.assumed && !self.frame.noted {
+            self.frame.noted = true;
+            let what = format!("work offset {}", self.frame.key.name());
+            self.missing("missing-work-offset", site, at, &what, "the machine's zero")?;
+        }
+        Ok(())
+    }
+
+    /// Writes one axis of a work offset in the reader's copy; the frame follows when it is in force.
+    fn write_work_offset(&mut self, key: WorkKey, axis: usize, origin: f64) {
+        let name = key.name();
+        if !self.tables.work_offsets.contains_key(&name) {
+            self.frame.set_by_program.insert(key, [false; 3]);
+        }
+        if let Some(axes) = self.frame.set_by_program.get_mut(&key) {
+            axes[axis] = true;
+        }
+        self.tables.work_offsets.entry(name).or_insert(Transform::IDENTITY).origin[axis] = origin;
+    }
+
+    /// After writes: the frame in force counted anew.
+    fn follow_work_offsets(&mut self) {
+        let key = self.frame.key;
+        let (base, known) = (self.base_of(key), self.is_known(key));
+        self.change_frame(|f| {
+            f.base = base;
+            if known {
+                (f.assumed, f.forbidden) = (false, false);
+            }
+        });
+    }
+
+    /// G10.
+    pub(crate) fn set_offset(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
+        let Some(l) = block.take(b'L') else {
+            return Err(Fault::not_there_yet(at, "G10 without L, the entry of tool offsets,"));
+        };
+        let l = Self::whole(l, 'L', 99)?;
+        if l != 2 && !(l == 20 && self.profile.external_offset) {
+            return Err(Fault::not_there_yet(at, &format!("G10 L{l}")));
+        }
+        if let Some(r) = block.look(b'R') {
+            return Err(Fault::not_there_yet(r.at, "R of G10, a turned work offset,"));
+        }
+        let Some(p) = block.take(b'P') else {
+            return Err(missing_word(at, "G10", "P"));
+        };
+        let number = Self::whole(p, 'P', 300)?;
+        let key = match (l, number) {
+            (2, 0) if self.profile.external_offset => WorkKey::External,
+            (2, 0) => self.frame.key,
+            (2, 1..=6) => WorkKey::Standard(number as u8),
+            (20, 1..=300) => WorkKey::More(number as u16),
+            _ => {
+                return Err(Fault::new(
+                    p.at,
+                    0,
+                    "word-range",
+                    format!("there is no work offset P{number}"),
+                    "P is 1 to 6, for G54 to G59",
+                ));
+            }
+        };
+        for word in self.profile.axes {
+            let Some(w) = block.take(word.letter) else { continue };
+            let value = self.length(word.letter, w, site) * word.factor;
+            let old = self.tables.work_offsets.get(&key.name()).map_or(0.0, |t| t.origin[word.axis]);
+            let adds = word.incremental.unwrap_or(self.incremental);
+            self.write_work_offset(key, word.axis, if adds { old + value } else { value });
+        }
+        self.follow_work_offsets();
+        Ok(())
+    }
+
+    /// G52: shifts all work offsets.
+    pub(crate) fn local_shift(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
+        let mut local = self.frame.local;
+        let mut any = false;
+        for word in self.profile.axes {
+            let Some(w) = block.take(word.letter) else { continue };
+            local[word.axis] = self.length(word.letter, w, site) * word.factor;
+            any = true;
+        }
+        if !any {
+            return Err(missing_word(at, "G52", "an axis word"));
+        }
+        self.change_frame(|f| f.local = local);
+        Ok(())
+    }
+
+    /// G92, G50: the place where the tip is gets these coordinates.
+    pub(crate) fn set_position(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<()> {
+        let mut shift = self.frame.shift;
+        for word in self.profile.axes {
+            let Some(w) = block.take(word.letter) else { continue };
+            let value = self.length(word.letter, w, site) * word.factor;
+            if word.incremental == Some(true) {
+                // U and W change the name of the place by that much.
+                shift[word.axis] -= value;
+            } else {
+                shift[word.axis] += self.tip[word.axis] - value;
+            }
+        }
+        self.change_frame(|f| f.shift = shift);
+        Ok(())
+    }
+
+    /// G92.1.
+    pub(crate) fn clear_position(&mut self) {
+        self.change_frame(|f| f.shift = [0.0; 3]);
+    }
+
+    // ---- tool offsets
+
+    fn set_tool_offset(&mut self, offset: ToolOffset) {
+        if offset == self.offset {
+            return;
+        }
+        let gauge = self.gauge();
+        self.offset = offset;
+        self.place_tip(gauge);
+        self.emit(StepKind::ToolOffset(offset));
+    }
+
+    /// G43, G44, G49, and H alone while one of the first two is in force.
+    pub(crate) fn set_length_offset(&mut self, block: &mut Block, said: Option<(i8, usize)>, site: Site<'_>) -> Outcome<()> {
+        let h = block.take(b'H');
+        let at = h.map(|h| h.at).or(said.map(|(_, at)| at)).unwrap_or(0);
+        if let Some(h) = h {
+            self.h = Self::whole(h, 'H', 999)?;
+        } else if matches!(said, Some((1 | -1, _))) && self.profile.length_of_the_tool {
+            self.h = self.tool.unwrap_or(0);
+        }
+        match said {
+            Some((sign, _)) => self.length_sign = sign,
+            None if h.is_some() && self.length_sign != 0 => {}
+            None => return Ok(()),
+        }
+        if self.length_sign == 0 || self.h == 0 {
+            self.set_tool_offset(ToolOffset::NONE);
+            return Ok(());
+        }
+        let entry = self.tables.tools.get(&ToolNumber(self.h)).cloned();
+        if entry.is_none() {
+            let what = format!("tool length H{}", self.h);
+            self.missing("missing-tool-length", site, at, &what, "length 0")?;
+        }
+        let assumed = entry.is_none();
+        let entry = entry.unwrap_or_default();
+        let sign = f64::from(self.length_sign);
+        let along = |v: Vector<Machine>| Vector::new(0.0, 0.0, v.xyz[2] * sign);
+        self.set_tool_offset(ToolOffset {
+            number: self.h,
+            geometry: along(entry.geometry.0),
+            wear: along(entry.wear.0),
+            assumed,
+        });
+        Ok(())
+    }
+
+    /// The offset of a lathe's T word; 0 is none.
+    pub(crate) fn select_turning_offset(&mut self, number: u32, at: usize, site: Site<'_>) -> Outcome<()> {
+        if number == 0 {
+            self.set_tool_offset(ToolOffset::NONE);
+            return Ok(());
+        }
+        let entry = self.tables.tools.get(&ToolNumber(number)).cloned();
+        if entry.is_none() {
+            self.missing("missing-tool-offset", site, at, &format!("tool offset {number}"), "zero")?;
+        }
+        let assumed = entry.is_none();
+        let entry = entry.unwrap_or_default();
+        self.set_tool_offset(ToolOffset {
+            number,
+            geometry: entry.geometry.0,
+            wear: entry.wear.0,
+            assumed,
+        });
+        Ok(())
+    }
+
+    /// G40, G41, G42: with a radius of 0 the programmed path is the path; any other radius is not there yet.
+    pub(crate) fn set_side(&mut self, block: &mut Block, said: Option<(Side, usize)>, site: Site<'_>) -> Outcome<()> {
+        if let Some(d) = block.take(b'D') {
+            self.d = Self::whole(d, 'D', 999)?;
+        }
+        let Some((side, at)) = said else { return Ok(()) };
+        self.side = side;
+        if side == Side::On {
+            return Ok(());
+        }
+        let entry = self.tables.tools.get(&ToolNumber(self.d)).cloned();
+        let radius = if self.profile.turning {
+            self.note(Severity::Warning, "nose-radius-zero", site, at, || {
+                (
+                    "the tables hold no nose radius: 0 is assumed, the programmed contour is the path of the tip".to_owned(),
+                    "tapers and arcs will be off by up to the nose radius".to_owned(),
+                )
+            });
+            0.0
+        } else if self.d == 0 {
+            0.0
+        } else if let Some(entry) = entry {
+            entry.diameter.map_or(0.0, |d| d.0 / 2.0) + entry.radius_wear.0
+        } else {
+            self.missing(
+                "missing-tool-radius",
+                site,
+                at,
+                &format!("tool radius D{}", self.d),
+                "radius 0",
+            )?;
+            0.0
+        };
+        if radius != 0.0 {
+            return Err(Fault::new(
+                at,
+                0,
+                "not-there-yet",
+                format!(
+                    "cutter compensation with a radius of {radius:.4} mm (D{}) is not there yet",
+                    self.d
+                ),
+                "have the CAM system give the path of the tool's centre and set D to 0",
+            ));
+        }
+        if !self.profile.turning {
+            self.note(Severity::Remark, "cutter-compensation-zero", site, at, || {
+                (
+                    "cutter compensation with radius 0: the programmed path is the path".to_owned(),
+                    String::new(),
+                )
+            });
+        }
+        Ok(())
+    }
+
+    // ---- system variables
+
+    pub(crate) fn system_variable(&self, number: u32) -> Result<Value, Refusal> {
+        let in_program = |axis: usize, mm: f64| Value::Number(mm / self.profile.factor(axis) / self.unit());
+        if let Some(value) = self.modal_variable(number) {
+            return Ok(Value::Number(value));
+        }
+        if let 5001..=5020 = number
+            && let Some(axis) = self.profile.variable_axes.get((number - 5001) as usize)
+        {
+            return Ok(in_program(*axis, self.tip[*axis]));
+        }
+        if let Some((key, index)) = WorkKey::of_variable(number)
+            && let Some(axis) = self.profile.variable_axes.get(index)
+            && self.profile.macros.fanuc_ranges
+        {
+            let origin = self.tables.work_offsets.get(&key.name()).map_or(0.0, |t| t.origin[*axis]);
+            if !self.is_known(key) && self.tables.missing == Missing::Fail && key != WorkKey::External {
+                return Err(Refusal {
+                    number: 115,
+                    message: format!("#{number} shows work offset {}, which is not in the tables", key.name()),
+                    remedy: "enter it first",
+                });
+            }
+            return Ok(in_program(*axis, origin));
+        }
+        for range in self.profile.offset_variables {
+            if number >= range.first && number - range.first < range.count {
+                let tool = number - range.first + 1;
+                let Some(entry) = self.tables.tools.get(&ToolNumber(tool)) else {
+                    // An entry that nobody made shows 0 on the control too.
+                    return Ok(Value::Number(0.0));
+                };
+                return Ok(match range.register {
+                    Register::Geometry(axis) => in_program(axis, entry.geometry.0.xyz[axis]),
+                    Register::Wear(axis) => in_program(axis, entry.wear.0.xyz[axis]),
+                    Register::Radius => Value::Number(entry.diameter.map_or(0.0, |d| d.0 / 2.0) / self.unit()),
+                    Register::RadiusWear => Value::Number(entry.radius_wear.0 / self.unit()),
+                });
+            }
+        }
+        Err(match number {
+            1000.. => Refusal::not_there_yet(number),
+            _ => Refusal::illegal(number),
+        })
+    }
+
+    pub(crate) fn write_system_variable(&mut self, number: u32, value: Value, at: usize) -> Outcome<()> {
+        if let Some((key, index)) = WorkKey::of_variable(number)
+            && let Some(axis) = self.profile.variable_axes.get(index).copied()
+            && self.profile.macros.fanuc_ranges
+        {
+            let mm = value.number() * self.unit() * self.profile.factor(axis);
+            self.write_work_offset(key, axis, mm);
+            self.follow_work_offsets();
+            return Ok(());
+        }
+        Err(match number {
+            0 | 4001..=4130 | 5001..=5120 => Refusal::write_protected(number),
+            1000.. => Refusal::not_there_yet(number),
+            _ => Refusal::illegal(number),
+        }
+        .at(at))
+    }
+}

@@ -1,0 +1,806 @@
+//! Families of controls as data: which codes they know and how they read numbers.
+//!
+//! A family is one [`Profile`] and one line in [`PROFILES`]. Nothing else in the crate asks for a family by its name: behaviour that
+//! differs is a field here.
+
+use crate::macro_b::MacroRules;
+use plan::PathMode;
+
+/// How a family of controls reads a program.
+#[derive(Debug)]
+pub struct Profile {
+    /// Its name on the command line.
+    pub name: &'static str,
+    /// What it is, for people.
+    pub about: &'static str,
+    /// X words are diameters, U and W are incremental, T words carry station and offset: G-code system A.
+    pub turning: bool,
+    /// Its preparatory codes: number times ten, meaning.
+    pub g: &'static [(u16, G)],
+    /// Its miscellaneous codes: number, meaning.
+    pub m: &'static [(u16, M)],
+    /// The laws of its variables and expressions.
+    pub macros: MacroRules,
+    /// Least input increment, millimetres and inches. Words whose value comes from a variable are rounded to it.
+    pub increment: [f64; 2],
+    /// False when words are taken as computed (LinuxCNC).
+    pub rounds_words: bool,
+    /// Seconds that a whole number behind the P of a dwell stands for.
+    pub dwell_unit: f64,
+    /// True when P of a dwell is a number of `dwell_unit` even with a point; else a point makes it seconds.
+    pub dwell_point_too: bool,
+    /// M6 waits for the moves of its own block (Fanuc); else it comes first (RS274).
+    pub tool_change_after_motion: bool,
+    /// `(MSG,text)` is shown to the operator.
+    pub message_comments: bool,
+    /// G43 without H takes the number of the tool in the spindle (RS274); else the H in force.
+    pub length_of_the_tool: bool,
+    /// G53 goes at the modal speed (RS274); else always rapid.
+    pub machine_moves_at_feed: bool,
+    /// Clearance above the last peck (G83) and retract of a chip break (G73), mm.
+    pub peck_clearance: f64,
+    /// First plane at the start.
+    pub plane: Plane,
+    /// Its axis words.
+    pub axes: &'static [AxisWord],
+    /// Axes in the order of the control's system variables.
+    pub variable_axes: &'static [usize],
+    /// Letters of its words.
+    pub letters: &'static [u8],
+    /// A length without a point may mean least increments on this family (Fanuc parameter 3401.0), so it deserves a warning.
+    pub point_matters: bool,
+    /// G10 L2 P0 is the external offset that is added to all others; else the one in force.
+    pub external_offset: bool,
+    /// P behind G64 is a tolerance.
+    pub tolerance_word: bool,
+    /// P behind G2 and G3 is a number of turns.
+    pub arc_turns: bool,
+    /// Tool offset registers as system variables.
+    pub offset_variables: &'static [OffsetVariables],
+}
+
+/// A word that names a place along an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisWord {
+    /// Its letter.
+    pub letter: u8,
+    /// 0 to 2.
+    pub axis: usize,
+    /// Millimetres along the axis for each millimetre written: one half for diameters.
+    pub factor: f64,
+    /// `Some(true)` is incremental, `Some(false)` absolute, `None` as G90 and G91 say.
+    pub incremental: Option<bool>,
+}
+
+const MILL_AXES: &[AxisWord] = &[
+    AxisWord {
+        letter: b'X',
+        axis: 0,
+        factor: 1.0,
+        incremental: None,
+    },
+    AxisWord {
+        letter: b'Y',
+        axis: 1,
+        factor: 1.0,
+        incremental: None,
+    },
+    AxisWord {
+        letter: b'Z',
+        axis: 2,
+        factor: 1.0,
+        incremental: None,
+    },
+];
+
+const LATHE_AXES: &[AxisWord] = &[
+    AxisWord {
+        letter: b'X',
+        axis: 0,
+        factor: 0.5,
+        incremental: Some(false),
+    },
+    AxisWord {
+        letter: b'Z',
+        axis: 2,
+        factor: 1.0,
+        incremental: Some(false),
+    },
+    AxisWord {
+        letter: b'U',
+        axis: 0,
+        factor: 0.5,
+        incremental: Some(true),
+    },
+    AxisWord {
+        letter: b'W',
+        axis: 2,
+        factor: 1.0,
+        incremental: Some(true),
+    },
+];
+
+/// Where a kind of tool offset register lies among the system variables.
+#[derive(Debug)]
+pub struct OffsetVariables {
+    /// Variable of offset 1.
+    pub first: u32,
+    /// How many.
+    pub count: u32,
+    /// Which register.
+    pub register: Register,
+}
+
+/// A number of a tool's table entry, as system variables show it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Register {
+    /// Geometry of an axis, 0 to 2.
+    Geometry(usize),
+    /// Wear of an axis.
+    Wear(usize),
+    /// Half the cutting diameter.
+    Radius,
+    /// Correction of the radius.
+    RadiusWear,
+}
+
+/// The plane of arcs, compensation and drilling.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Plane {
+    /// G17.
+    Xy,
+    /// G18.
+    Zx,
+    /// G19.
+    Yz,
+}
+
+impl Profile {
+    /// Millimetres along an axis for each millimetre that words and registers say.
+    pub(crate) fn factor(&self, axis: usize) -> f64 {
+        self.axes.iter().find(|w| w.axis == axis).map_or(1.0, |w| w.factor)
+    }
+}
+
+impl Plane {
+    /// First and second axis of the plane and the axis square to it; right-handed.
+    pub(crate) fn axes(self) -> [usize; 3] {
+        match self {
+            Plane::Xy => [0, 1, 2],
+            Plane::Zx => [2, 0, 1],
+            Plane::Yz => [1, 2, 0],
+        }
+    }
+}
+
+/// How tool-tip moves go: group 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Motion {
+    /// G0.
+    Rapid,
+    /// G1.
+    Straight,
+    /// G2.
+    Clockwise,
+    /// G3.
+    Counterclockwise,
+}
+
+/// What F means: group 5.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FeedMode {
+    /// Length a minute.
+    PerMinute,
+    /// Length a revolution.
+    PerRevolution,
+    /// One over the minutes of the whole move.
+    InverseTime,
+}
+
+/// A drilling cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Drilling {
+    /// G73: pecks that only break the chip.
+    ChipBreak,
+    /// G74: tap with a left-hand thread.
+    LeftTap,
+    /// G81.
+    Plain,
+    /// G82: with a dwell at the bottom.
+    Dwell,
+    /// G83: pecks that come out of the hole.
+    Peck,
+    /// G84: tap.
+    Tap,
+    /// G85: ream, out at feed.
+    Ream,
+    /// G86: bore, out at rapid with the spindle stopped.
+    Bore,
+    /// G89: ream with a dwell at the bottom.
+    ReamDwell,
+}
+
+/// Where the side of the tool stays: group 7.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// G40: the tool's centre is on the path.
+    On,
+    /// G41.
+    Left,
+    /// G42.
+    Right,
+}
+
+/// Codes that act in their own block only: group 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Once {
+    /// G4.
+    Dwell,
+    /// G9: stop at the end of this move.
+    ExactStop,
+    /// G10.
+    SetOffset,
+    /// G28.
+    Home,
+    /// G30.
+    SecondReference,
+    /// G52.
+    LocalShift,
+    /// G53.
+    MachineCoordinates,
+    /// G92, on turning machines G50: this place is called so from now on; with S the highest spindle speed.
+    SetPosition,
+    /// G92.1: takes `SetPosition` back.
+    ClearPosition,
+}
+
+/// What a G code means.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum G {
+    /// Group 1.
+    Motion(Motion),
+    /// Group 2.
+    Plane(Plane),
+    /// Group 3: incremental or not.
+    Incremental(bool),
+    /// Group 4 of RS274: centres of arcs are absolute or not.
+    AbsoluteCentres(bool),
+    /// Group 5.
+    Feed(FeedMode),
+    /// Group 6: inches or not.
+    Inches(bool),
+    /// Group 7.
+    Side(Side),
+    /// Group 8: sign of the length offset; 0 cancels it.
+    Length(i8),
+    /// Group 9.
+    Drill(Drilling),
+    /// Group 9: none.
+    DrillEnd,
+    /// Group 10: back to the R level or not.
+    ReturnToR(bool),
+    /// Group 12 or 14: G54 to G59 as 1 to 6.
+    Work(u8),
+    /// Group 14: G54.1 P.
+    MoreWork,
+    /// Group 13 or 15; a P word makes it a tolerance.
+    Path(PathMode),
+    /// G96 or not: group 2 of a lathe.
+    SurfaceSpeed(bool),
+    /// Group 0.
+    Once(Once),
+    /// Known, and without effect on what is modelled here: the reason.
+    Harmless(&'static str),
+    /// Known, and an alarm until it is there.
+    NotYet(&'static str),
+}
+
+impl G {
+    /// The modal group; two codes of one group in a block contradict each other. `None` may stand beside anything.
+    pub(crate) fn group(self) -> Option<u8> {
+        Some(match self {
+            G::Once(Once::ExactStop) | G::Harmless(_) | G::NotYet(_) => return None,
+            G::Once(_) => 0,
+            G::Motion(_) => 1,
+            G::Plane(_) => 2,
+            G::Incremental(_) => 3,
+            G::AbsoluteCentres(_) => 4,
+            G::Feed(_) => 5,
+            G::Inches(_) => 6,
+            G::Side(_) => 7,
+            G::Length(_) => 8,
+            G::Drill(_) | G::DrillEnd => 9,
+            G::ReturnToR(_) => 10,
+            G::Work(_) | G::MoreWork => 14,
+            G::Path(_) => 15,
+            G::SurfaceSpeed(_) => 17,
+        })
+    }
+}
+
+/// What an M code means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum M {
+    /// M0.
+    Stop,
+    /// M1.
+    OptionalStop,
+    /// M2, M30.
+    End,
+    /// M3.
+    Clockwise,
+    /// M4.
+    Counterclockwise,
+    /// M5.
+    SpindleStop,
+    /// M6.
+    ToolChange,
+    /// M7.
+    Mist,
+    /// M8.
+    Flood,
+    /// M88 and the like.
+    ThroughCoolant,
+    /// M9.
+    CoolantOff,
+    /// M29: the tapping cycle of this block or the next turns the spindle itself.
+    RigidTapping,
+    /// M98: run a subprogram.
+    Call,
+    /// M99: back to the caller.
+    Return,
+    /// Known, and without effect on what is modelled here: the reason.
+    Harmless(&'static str),
+}
+
+/// All families. A new one is one more line.
+pub const PROFILES: &[&Profile] = &[&FANUC_MILL, &FANUC_LATHE, &RS274];
+
+/// The family of that name.
+pub fn by_name(name: &str) -> Option<&'static Profile> {
+    PROFILES.iter().copied().find(|p| p.name == name)
+}
+
+const FANUC_MACROS: MacroRules = MacroRules {
+    unset_is_zero: false,
+    deepest_bracket: 5,
+    angles_from_zero: true,
+    floored: false,
+    fanuc_ranges: true,
+};
+
+/// Fanuc 16i/18i/21i, 0i and their relatives on a milling machine.
+pub const FANUC_MILL: Profile = Profile {
+    name: "fanuc-mill",
+    about: "Fanuc 16i/0i and relatives on a milling machine, Custom Macro B",
+    turning: false,
+    g: &[
+        (0, G::Motion(Motion::Rapid)),
+        (10, G::Motion(Motion::Straight)),
+        (20, G::Motion(Motion::Clockwise)),
+        (30, G::Motion(Motion::Counterclockwise)),
+        (40, G::Once(Once::Dwell)),
+        (50, G::Harmless("high-speed mode")),
+        (51, G::Harmless("look-ahead mode")),
+        (80, G::Harmless("look-ahead mode")),
+        (90, G::Once(Once::ExactStop)),
+        (100, G::Once(Once::SetOffset)),
+        (110, G::Harmless("end of data setting")),
+        (131, G::Harmless("polar interpolation off")),
+        (150, G::Harmless("polar coordinates off")),
+        (160, G::NotYet("polar coordinates (G16)")),
+        (170, G::Plane(Plane::Xy)),
+        (180, G::Plane(Plane::Zx)),
+        (190, G::Plane(Plane::Yz)),
+        (200, G::Inches(true)),
+        (210, G::Inches(false)),
+        (280, G::Once(Once::Home)),
+        (300, G::Once(Once::SecondReference)),
+        (310, G::NotYet("the skip function (G31)")),
+        (330, G::NotYet("threading (G33)")),
+        (400, G::Side(Side::On)),
+        (410, G::Side(Side::Left)),
+        (420, G::Side(Side::Right)),
+        (430, G::Length(1)),
+        (440, G::Length(-1)),
+        (490, G::Length(0)),
+        (500, G::Harmless("scaling off")),
+        (501, G::Harmless("mirror image off")),
+        (510, G::NotYet("scaling (G51)")),
+        (511, G::NotYet("mirror image (G51.1)")),
+        (520, G::Once(Once::LocalShift)),
+        (530, G::Once(Once::MachineCoordinates)),
+        (540, G::Work(1)),
+        (541, G::MoreWork),
+        (550, G::Work(2)),
+        (560, G::Work(3)),
+        (570, G::Work(4)),
+        (580, G::Work(5)),
+        (590, G::Work(6)),
+        (610, G::Path(PathMode::ExactStop)),
+        (640, G::Path(PathMode::Tolerance(None))),
+        (650, G::NotYet("the macro call (G65)")),
+        (660, G::NotYet("the modal macro call (G66)")),
+        (670, G::Harmless("modal macro call off")),
+        (680, G::NotYet("rotation (G68)")),
+        (690, G::Harmless("rotation off")),
+        (730, G::Drill(Drilling::ChipBreak)),
+        (740, G::Drill(Drilling::LeftTap)),
+        (760, G::NotYet("fine boring (G76)")),
+        (800, G::DrillEnd),
+        (810, G::Drill(Drilling::Plain)),
+        (820, G::Drill(Drilling::Dwell)),
+        (830, G::Drill(Drilling::Peck)),
+        (840, G::Drill(Drilling::Tap)),
+        (850, G::Drill(Drilling::Ream)),
+        (860, G::Drill(Drilling::Bore)),
+        (870, G::NotYet("back boring (G87)")),
+        (880, G::NotYet("boring with a manual retract (G88)")),
+        (890, G::Drill(Drilling::ReamDwell)),
+        (900, G::Incremental(false)),
+        (910, G::Incremental(true)),
+        (920, G::Once(Once::SetPosition)),
+        (930, G::Feed(FeedMode::InverseTime)),
+        (940, G::Feed(FeedMode::PerMinute)),
+        (950, G::Feed(FeedMode::PerRevolution)),
+        (970, G::SurfaceSpeed(false)),
+        (980, G::ReturnToR(false)),
+        (990, G::ReturnToR(true)),
+    ],
+    m: &[
+        (0, M::Stop),
+        (1, M::OptionalStop),
+        (2, M::End),
+        (3, M::Clockwise),
+        (4, M::Counterclockwise),
+        (5, M::SpindleStop),
+        (6, M::ToolChange),
+        (7, M::Mist),
+        (8, M::Flood),
+        (9, M::CoolantOff),
+        (19, M::Harmless("spindle orientation")),
+        (29, M::RigidTapping),
+        (30, M::End),
+        (48, M::Harmless("override switches on")),
+        (49, M::Harmless("override switches off")),
+        (88, M::ThroughCoolant),
+        (89, M::CoolantOff),
+        (98, M::Call),
+        (99, M::Return),
+    ],
+    macros: FANUC_MACROS,
+    increment: [0.001, 0.0001],
+    rounds_words: true,
+    dwell_unit: 0.001,
+    dwell_point_too: false,
+    tool_change_after_motion: true,
+    message_comments: false,
+    length_of_the_tool: false,
+    machine_moves_at_feed: false,
+    peck_clearance: 1.0,
+    plane: Plane::Xy,
+    axes: MILL_AXES,
+    variable_axes: &[0, 1, 2],
+    letters: b"DFGHIJKLMNOPQRSTXYZ",
+    point_matters: true,
+    external_offset: true,
+    tolerance_word: false,
+    arc_turns: false,
+    offset_variables: &[
+        OffsetVariables {
+            first: 2001,
+            count: 200,
+            register: Register::Wear(2),
+        },
+        OffsetVariables {
+            first: 2201,
+            count: 200,
+            register: Register::Geometry(2),
+        },
+        OffsetVariables {
+            first: 10_001,
+            count: 999,
+            register: Register::Wear(2),
+        },
+        OffsetVariables {
+            first: 11_001,
+            count: 999,
+            register: Register::Geometry(2),
+        },
+        OffsetVariables {
+            first: 12_001,
+            count: 999,
+            register: Register::RadiusWear,
+        },
+        OffsetVariables {
+            first: 13_001,
+            count: 999,
+            register: Register::Radius,
+        },
+    ],
+};
+
+/// Fanuc on a lathe, G-code system A.
+pub const FANUC_LATHE: Profile = Profile {
+    name: "fanuc-lathe",
+    about: "Fanuc 16i/0i and relatives on a lathe, G-code system A, Custom Macro B",
+    turning: true,
+    g: &[
+        (0, G::Motion(Motion::Rapid)),
+        (10, G::Motion(Motion::Straight)),
+        (20, G::Motion(Motion::Clockwise)),
+        (30, G::Motion(Motion::Counterclockwise)),
+        (40, G::Once(Once::Dwell)),
+        (80, G::Harmless("look-ahead mode")),
+        (90, G::Once(Once::ExactStop)),
+        (100, G::Once(Once::SetOffset)),
+        (110, G::Harmless("end of data setting")),
+        (131, G::Harmless("polar interpolation off")),
+        (180, G::Plane(Plane::Zx)),
+        (200, G::Inches(true)),
+        (210, G::Inches(false)),
+        (250, G::Harmless("spindle speed check off")),
+        (260, G::Harmless("spindle speed check on")),
+        (280, G::Once(Once::Home)),
+        (300, G::Once(Once::SecondReference)),
+        (310, G::NotYet("the skip function (G31)")),
+        (320, G::NotYet("threading (G32)")),
+        (340, G::NotYet("threading with a variable lead (G34)")),
+        (400, G::Side(Side::On)),
+        (410, G::Side(Side::Left)),
+        (420, G::Side(Side::Right)),
+        (500, G::Once(Once::SetPosition)),
+        (520, G::Once(Once::LocalShift)),
+        (530, G::Once(Once::MachineCoordinates)),
+        (540, G::Work(1)),
+        (550, G::Work(2)),
+        (560, G::Work(3)),
+        (570, G::Work(4)),
+        (580, G::Work(5)),
+        (590, G::Work(6)),
+        (610, G::Path(PathMode::ExactStop)),
+        (640, G::Path(PathMode::Tolerance(None))),
+        (650, G::NotYet("the macro call (G65)")),
+        (660, G::NotYet("the modal macro call (G66)")),
+        (670, G::Harmless("modal macro call off")),
+        (690, G::Harmless("mirror image off")),
+        (700, G::NotYet("the finishing cycle (G70)")),
+        (710, G::NotYet("the roughing cycle (G71)")),
+        (720, G::NotYet("the facing cycle (G72)")),
+        (730, G::NotYet("the pattern cycle (G73)")),
+        (740, G::NotYet("the face peck cycle (G74)")),
+        (750, G::NotYet("the grooving cycle (G75)")),
+        (760, G::NotYet("the threading cycle (G76)")),
+        (800, G::DrillEnd),
+        (830, G::NotYet("drilling on a lathe (G83)")),
+        (840, G::NotYet("tapping on a lathe (G84)")),
+        (850, G::NotYet("boring on a lathe (G85)")),
+        (870, G::NotYet("side drilling (G87)")),
+        (880, G::NotYet("side tapping (G88)")),
+        (890, G::NotYet("side boring (G89)")),
+        (900, G::NotYet("the turning cycle (G90)")),
+        (920, G::NotYet("the single threading cycle (G92)")),
+        (940, G::NotYet("the single facing cycle (G94)")),
+        (960, G::SurfaceSpeed(true)),
+        (970, G::SurfaceSpeed(false)),
+        (980, G::Feed(FeedMode::PerMinute)),
+        (990, G::Feed(FeedMode::PerRevolution)),
+    ],
+    m: &[
+        (0, M::Stop),
+        (1, M::OptionalStop),
+        (2, M::End),
+        (3, M::Clockwise),
+        (4, M::Counterclockwise),
+        (5, M::SpindleStop),
+        (7, M::Mist),
+        (8, M::Flood),
+        (9, M::CoolantOff),
+        (10, M::Harmless("chuck")),
+        (11, M::Harmless("chuck")),
+        (19, M::Harmless("spindle orientation")),
+        (23, M::Harmless("chamfering on")),
+        (24, M::Harmless("chamfering off")),
+        (30, M::End),
+        (40, M::Harmless("gear")),
+        (41, M::Harmless("gear")),
+        (42, M::Harmless("gear")),
+        (43, M::Harmless("gear")),
+        (44, M::Harmless("gear")),
+        (98, M::Call),
+        (99, M::Return),
+    ],
+    macros: FANUC_MACROS,
+    increment: [0.001, 0.0001],
+    rounds_words: true,
+    dwell_unit: 0.001,
+    dwell_point_too: false,
+    tool_change_after_motion: false,
+    message_comments: false,
+    length_of_the_tool: false,
+    machine_moves_at_feed: false,
+    peck_clearance: 1.0,
+    plane: Plane::Zx,
+    axes: LATHE_AXES,
+    variable_axes: &[0, 2],
+    letters: b"FGIKLMNOPQRSTUWXZ",
+    point_matters: true,
+    external_offset: true,
+    tolerance_word: false,
+    arc_turns: false,
+    offset_variables: &[
+        OffsetVariables {
+            first: 2001,
+            count: 64,
+            register: Register::Wear(0),
+        },
+        OffsetVariables {
+            first: 2101,
+            count: 64,
+            register: Register::Wear(2),
+        },
+        OffsetVariables {
+            first: 2701,
+            count: 49,
+            register: Register::Geometry(0),
+        },
+        OffsetVariables {
+            first: 2801,
+            count: 49,
+            register: Register::Geometry(2),
+        },
+        OffsetVariables {
+            first: 10_001,
+            count: 999,
+            register: Register::Wear(0),
+        },
+        OffsetVariables {
+            first: 11_001,
+            count: 999,
+            register: Register::Wear(2),
+        },
+        OffsetVariables {
+            first: 15_001,
+            count: 999,
+            register: Register::Geometry(0),
+        },
+        OffsetVariables {
+            first: 16_001,
+            count: 999,
+            register: Register::Geometry(2),
+        },
+    ],
+};
+
+/// RS274/NGC as LinuxCNC reads it, without o-words and named parameters.
+pub const RS274: Profile = Profile {
+    name: "rs274",
+    about: "RS274/NGC, the language of LinuxCNC, without o-words and named parameters",
+    turning: false,
+    g: &[
+        (0, G::Motion(Motion::Rapid)),
+        (10, G::Motion(Motion::Straight)),
+        (20, G::Motion(Motion::Clockwise)),
+        (30, G::Motion(Motion::Counterclockwise)),
+        (40, G::Once(Once::Dwell)),
+        (50, G::NotYet("the cubic spline (G5)")),
+        (51, G::NotYet("the quadratic spline (G5.1)")),
+        (70, G::NotYet("diameter mode (G7)")),
+        (80, G::Harmless("radius mode")),
+        (100, G::Once(Once::SetOffset)),
+        (170, G::Plane(Plane::Xy)),
+        (180, G::Plane(Plane::Zx)),
+        (190, G::Plane(Plane::Yz)),
+        (200, G::Inches(true)),
+        (210, G::Inches(false)),
+        (280, G::Once(Once::Home)),
+        (300, G::Once(Once::SecondReference)),
+        (330, G::NotYet("spindle-synchronous motion (G33)")),
+        (382, G::NotYet("probing (G38)")),
+        (383, G::NotYet("probing (G38)")),
+        (384, G::NotYet("probing (G38)")),
+        (385, G::NotYet("probing (G38)")),
+        (400, G::Side(Side::On)),
+        (410, G::Side(Side::Left)),
+        (420, G::Side(Side::Right)),
+        (430, G::Length(1)),
+        (490, G::Length(0)),
+        (520, G::Once(Once::LocalShift)),
+        (530, G::Once(Once::MachineCoordinates)),
+        (540, G::Work(1)),
+        (550, G::Work(2)),
+        (560, G::Work(3)),
+        (570, G::Work(4)),
+        (580, G::Work(5)),
+        (590, G::Work(6)),
+        (591, G::NotYet("the seventh work offset (G59.1)")),
+        (592, G::NotYet("the eighth work offset (G59.2)")),
+        (593, G::NotYet("the ninth work offset (G59.3)")),
+        (610, G::Path(PathMode::ExactPath)),
+        (611, G::Path(PathMode::ExactStop)),
+        (640, G::Path(PathMode::Tolerance(None))),
+        (730, G::Drill(Drilling::ChipBreak)),
+        (760, G::NotYet("the threading cycle (G76)")),
+        (800, G::DrillEnd),
+        (810, G::Drill(Drilling::Plain)),
+        (820, G::Drill(Drilling::Dwell)),
+        (830, G::Drill(Drilling::Peck)),
+        (840, G::Drill(Drilling::Tap)),
+        (850, G::Drill(Drilling::Ream)),
+        (860, G::Drill(Drilling::Bore)),
+        (890, G::Drill(Drilling::ReamDwell)),
+        (900, G::Incremental(false)),
+        (901, G::AbsoluteCentres(true)),
+        (910, G::Incremental(true)),
+        (911, G::AbsoluteCentres(false)),
+        (920, G::Once(Once::SetPosition)),
+        (921, G::Once(Once::ClearPosition)),
+        (922, G::NotYet("G92.2")),
+        (923, G::NotYet("G92.3")),
+        (930, G::Feed(FeedMode::InverseTime)),
+        (940, G::Feed(FeedMode::PerMinute)),
+        (950, G::Feed(FeedMode::PerRevolution)),
+        (960, G::SurfaceSpeed(true)),
+        (970, G::SurfaceSpeed(false)),
+        (980, G::ReturnToR(false)),
+        (990, G::ReturnToR(true)),
+    ],
+    m: &[
+        (0, M::Stop),
+        (1, M::OptionalStop),
+        (2, M::End),
+        (3, M::Clockwise),
+        (4, M::Counterclockwise),
+        (5, M::SpindleStop),
+        (6, M::ToolChange),
+        (7, M::Mist),
+        (8, M::Flood),
+        (9, M::CoolantOff),
+        (19, M::Harmless("spindle orientation")),
+        (30, M::End),
+        (48, M::Harmless("override switches on")),
+        (49, M::Harmless("override switches off")),
+        (50, M::Harmless("feed override")),
+        (51, M::Harmless("spindle override")),
+        (60, M::Stop),
+    ],
+    macros: MacroRules {
+        unset_is_zero: true,
+        deepest_bracket: 30,
+        angles_from_zero: false,
+        floored: true,
+        fanuc_ranges: false,
+    },
+    increment: [0.001, 0.0001],
+    rounds_words: false,
+    dwell_unit: 1.0,
+    dwell_point_too: true,
+    tool_change_after_motion: false,
+    message_comments: true,
+    length_of_the_tool: true,
+    machine_moves_at_feed: true,
+    peck_clearance: 0.254,
+    plane: Plane::Xy,
+    axes: MILL_AXES,
+    variable_axes: &[0, 1, 2],
+    letters: b"DFGHIJKLMNOPQRSTXYZ",
+    point_matters: false,
+    external_offset: false,
+    tolerance_word: true,
+    arc_turns: true,
+    offset_variables: &[],
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_family_lists_each_code_once_in_rising_order() {
+        for p in PROFILES {
+            assert!(p.g.windows(2).all(|w| w[0].0 < w[1].0), "{} G", p.name);
+            assert!(p.m.windows(2).all(|w| w[0].0 < w[1].0), "{} M", p.name);
+            assert_eq!(by_name(p.name).map(|q| q.name), Some(p.name));
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! The realtime half: controller and drives in one cycle, with a bounded queue of reports towards the office half.
+
+use crate::controller::{Controller, Counters, Request};
+use crate::drive::CyclicDrive;
+use crate::parameters::MachineParameters;
+use crate::ring::Ring;
+use crate::sample::{Quality, Sample};
+use crate::state::State;
+use crate::{Command, DriveOrders};
+use units::Tick;
+
+/// Reports that wait for the office half at most: a quarter of a second.
+pub const REPORTS: usize = 256;
+
+/// One cycle as the office half hears of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// The row of the record.
+    pub sample: Sample,
+    /// The controller's state after the cycle.
+    pub state: State,
+    /// What was counted up to and including the cycle.
+    pub counters: Counters,
+    /// True when nothing is queued or in work and the axes stand.
+    pub idle: bool,
+    /// What the drives were told.
+    pub orders: DriveOrders,
+}
+
+/// Controller and drives of one machine.
+#[derive(Clone, Debug)]
+pub struct RealtimeHalf<D> {
+    controller: Controller,
+    drive: D,
+    quality: Quality,
+    reports: Ring<Report, REPORTS>,
+    lost_reports: u64,
+}
+
+impl<D: CyclicDrive> RealtimeHalf<D> {
+    /// A machine without power. `quality` is what its measurements are worth: a simulated drive's are [`Quality::Simulated`].
+    pub fn new(parameters: &MachineParameters, drive: D, quality: Quality) -> Self {
+        RealtimeHalf {
+            controller: Controller::new(parameters),
+            drive,
+            quality,
+            reports: Ring::new(),
+            lost_reports: 0,
+        }
+    }
+
+    /// One servo cycle: read, control, order, report.
+    pub fn tick(&mut self, now: Tick) {
+        let feedback = self.drive.read(now);
+        let orders = self.controller.tick(now, &feedback);
+        self.drive.order(now, &orders);
+        let report = Report {
+            sample: self.controller.sample(now, &feedback, self.quality),
+            state: self.controller.state(),
+            counters: self.controller.counters(),
+            idle: self.controller.is_idle(),
+            orders,
+        };
+        if self.reports.push(report).is_err() {
+            self.lost_reports += 1;
+        }
+    }
+
+    /// Takes a command into the queue.
+    ///
+    /// # Errors
+    /// As [`Controller::push`].
+    pub fn push(&mut self, command: Command) -> Result<(), Command> {
+        self.controller.push(command)
+    }
+
+    /// A request of a person.
+    pub fn request(&mut self, request: Request) {
+        self.controller.request(request);
+    }
+
+    /// The oldest report that was not taken yet.
+    pub fn report(&mut self) -> Option<Report> {
+        self.reports.pop()
+    }
+
+    /// Reports that found no place, because the office half was away: a gap in the record, counted.
+    pub fn lost_reports(&self) -> u64 {
+        self.lost_reports
+    }
+
+    /// The controller.
+    pub fn controller(&self) -> &Controller {
+        &self.controller
+    }
+
+    /// The drives.
+    pub fn drive(&self) -> &D {
+        &self.drive
+    }
+
+    /// The drives, to disturb simulated ones.
+    pub fn drive_mut(&mut self) -> &mut D {
+        &mut self.drive
+    }
+}

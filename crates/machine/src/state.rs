@@ -1,0 +1,240 @@
+//! The states of the controller, and the one table in which they change.
+
+use crate::Phase;
+
+/// What the controller is doing.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum State {
+    /// Drives without power.
+    #[default]
+    Off,
+    /// Drives hold; no program.
+    Ready,
+    /// Axes follow the program.
+    Running,
+    /// The program waits at rest.
+    Waiting(Wait),
+    /// The same, and a hold was asked: it takes effect when the wait is over.
+    WaitingThenHold(Wait),
+    /// A hold was asked: slowing down on the path.
+    Holding,
+    /// At rest on the path; cycle start goes on.
+    Held,
+    /// The program asked to stop; cycle start goes on.
+    Paused,
+    /// Slowing down on the path for good.
+    Stopping(StopCause),
+    /// At rest after a controlled stop.
+    Stopped(StopCause),
+    /// The emergency stop button is pressed. The hardware stops the machine; we only show it.
+    EmergencyStop,
+    /// The button is out again; reset makes the machine ready.
+    EmergencyStopReleased,
+    /// The machine cannot follow or cannot see: the drives stop by themselves.
+    Fault(FaultCause),
+}
+
+/// What a program waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wait {
+    /// The next command; the queue is empty and the axes are at rest.
+    Commands,
+    /// The spindle to be at speed.
+    Spindle,
+    /// The tool changer.
+    Tool,
+    /// A dwell to be over.
+    Dwell,
+}
+
+/// Why the machine makes a controlled stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StopCause {
+    /// Somebody asked.
+    Asked,
+    /// Set-points did not come in time. Cycle start goes on when they do.
+    Starved,
+    /// A set-point lies outside the travel of an axis.
+    SoftLimit {
+        /// 0 is X.
+        axis: u8,
+    },
+    /// A set-point is not a number, lies further from the one before than the axis can go in a cycle, or disagrees with its own speed.
+    Jump {
+        /// 0 is X.
+        axis: u8,
+    },
+    /// A switching command that needs rest came while the path was still moving.
+    SwitchInMotion,
+    /// More servo cycles in a row were lost than allowed.
+    Late,
+    /// The path ended in motion; the machine braked beside it.
+    OffPath,
+}
+
+impl StopCause {
+    /// True when cycle start may go on from here: the path is intact.
+    pub fn can_go_on(self) -> bool {
+        self == StopCause::Starved
+    }
+
+    /// In words.
+    pub fn text(self) -> &'static str {
+        match self {
+            StopCause::Asked => "stop was asked",
+            StopCause::Starved => "set-points did not come in time",
+            StopCause::SoftLimit { .. } => "a set-point lies outside the travel",
+            StopCause::Jump { .. } => "a set-point does not follow from the one before",
+            StopCause::SwitchInMotion => "a switching command came before the path was at rest",
+            StopCause::Late => "too many servo cycles were lost in a row",
+            StopCause::OffPath => "the path ended in motion",
+        }
+    }
+}
+
+/// Why the machine is in fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FaultCause {
+    /// An axis is too far from where it shall be.
+    FollowingError {
+        /// 0 is X.
+        axis: u8,
+    },
+    /// An encoder's readings are not possible, several times in a row.
+    Encoder {
+        /// 0 is X.
+        axis: u8,
+    },
+    /// The spindle did not come to speed.
+    Spindle,
+    /// A drive reports a fault.
+    Drive,
+}
+
+impl FaultCause {
+    /// In words.
+    pub fn text(self) -> &'static str {
+        match self {
+            FaultCause::FollowingError { .. } => "following error too large",
+            FaultCause::Encoder { .. } => "encoder readings are not possible",
+            FaultCause::Spindle => "the spindle did not come to speed",
+            FaultCause::Drive => "a drive reports a fault",
+        }
+    }
+}
+
+/// What can happen to the controller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// Power on.
+    PowerOn,
+    /// Power off.
+    PowerOff,
+    /// A command is there.
+    Work,
+    /// A wait begins.
+    Wait(Wait),
+    /// It is over.
+    WaitOver,
+    /// The program says stop.
+    Pause,
+    /// The program is over.
+    ProgramEnd,
+    /// Somebody asks to hold.
+    Hold,
+    /// Somebody asks to go on.
+    CycleStart,
+    /// A controlled stop is needed.
+    Stop(StopCause),
+    /// The axes came to rest.
+    AtRest,
+    /// The button was pressed.
+    EmergencyStop,
+    /// The button is out again.
+    EmergencyStopReleased,
+    /// The machine cannot go on by itself.
+    Fault(FaultCause),
+    /// Somebody acknowledges.
+    Reset,
+}
+
+/// The whole behaviour: which state follows. What is not listed changes nothing.
+pub fn next_state(state: State, event: Event) -> State {
+    use State::*;
+    match (state, event) {
+        // Without power nothing happens, and power can always go.
+        (_, Event::PowerOff) => Off,
+        (Off, Event::PowerOn) => Ready,
+        (Off, _) => Off,
+
+        // The emergency stop beats everything; only its release and then a reset lead out of it.
+        (_, Event::EmergencyStop) => EmergencyStop,
+        (EmergencyStop, Event::EmergencyStopReleased) => EmergencyStopReleased,
+        (EmergencyStop, _) => EmergencyStop,
+        (EmergencyStopReleased, Event::Reset) => Ready,
+        (EmergencyStopReleased, _) => EmergencyStopReleased,
+
+        // A fault beats everything else; the first one is kept.
+        (Fault(_), Event::Reset) => Ready,
+        (Fault(cause), _) => Fault(cause),
+        (_, Event::Fault(cause)) => Fault(cause),
+
+        // A controlled stop: the first cause is kept, and it ends at rest.
+        (Stopping(cause), Event::AtRest) => Stopped(cause),
+        (Stopping(cause), _) => Stopping(cause),
+        (Stopped(_), Event::Reset) => Ready,
+        (Stopped(cause), Event::CycleStart) if cause.can_go_on() => Running,
+        (Stopped(_), Event::Stop(StopCause::Asked)) => Stopped(StopCause::Asked),
+        (Stopped(cause), _) => Stopped(cause),
+        (Ready, Event::Stop(_)) => Ready,
+        (_, Event::Stop(cause)) => Stopping(cause),
+
+        // Hold and go on.
+        (Running, Event::Hold) => Holding,
+        (Waiting(Wait::Commands), Event::Hold) => Held,
+        (Waiting(wait), Event::Hold) => WaitingThenHold(wait),
+        (WaitingThenHold(wait), Event::CycleStart) => Waiting(wait),
+        (WaitingThenHold(_), Event::WaitOver) => Held,
+        (Holding, Event::AtRest) => Held,
+        (Holding | Held | Paused, Event::CycleStart) => Running,
+
+        // The program.
+        (Ready, Event::Work) => Running,
+        (Waiting(Wait::Commands), Event::Work) => Running,
+        (Running | Waiting(_), Event::Wait(wait)) => Waiting(wait),
+        (WaitingThenHold(_), Event::Wait(wait)) => WaitingThenHold(wait),
+        (Waiting(_), Event::WaitOver) => Running,
+        (Running, Event::Pause) => Paused,
+        (Running | Waiting(_), Event::ProgramEnd) => Ready,
+        (state, _) => state,
+    }
+}
+
+impl State {
+    /// The column of the record.
+    pub fn phase(self) -> Phase {
+        match self {
+            State::Off | State::Ready => Phase::Ready,
+            State::Running | State::Holding => Phase::Running,
+            State::Waiting(_) | State::WaitingThenHold(_) => Phase::Waiting,
+            State::Held | State::Paused => Phase::Paused,
+            State::Stopping(_) | State::Stopped(_) => Phase::Stopped,
+            State::EmergencyStop | State::EmergencyStopReleased => Phase::EmergencyStop,
+            State::Fault(_) => Phase::Fault,
+        }
+    }
+
+    /// True when only a person leads out of it: the program will not go on by itself.
+    pub fn needs_a_person(self) -> bool {
+        matches!(
+            self,
+            State::Off
+                | State::Held
+                | State::Paused
+                | State::Stopped(_)
+                | State::EmergencyStop
+                | State::EmergencyStopReleased
+                | State::Fault(_)
+        )
+    }
+}

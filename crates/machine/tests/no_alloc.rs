@@ -1,0 +1,130 @@
+//! The realtime half cannot allocate: its sources do not name an allocator, and a counting one on the thread sees nothing.
+#![allow(
+    unsafe_code,
+    clippy::disallowed_methods,
+    reason = "an allocator is unsafe to write, and the test reads the crate's own sources"
+)]
+
+use machine::{Command, MachineParameters, Plant, Quality, RealtimeHalf, Request, SetPoint, SpindleCommand};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use units::{Point, Rpm, StepId, Tick, ToolNumber};
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: every call goes to the system's allocator unchanged; the counter neither allocates nor panics.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        let _ = ALLOCATIONS.try_with(|n| n.set(n.get() + 1));
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        let _ = ALLOCATIONS.try_with(|n| n.set(n.get() + 1));
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+fn allocations() -> u64 {
+    ALLOCATIONS.with(Cell::get)
+}
+
+#[test]
+fn the_counter_counts() {
+    let before = allocations();
+    drop(std::hint::black_box(Box::new(1)));
+    assert_eq!(allocations() - before, 2);
+}
+
+#[test]
+fn a_whole_run_with_stops_and_faults_allocates_nothing() {
+    let parameters = MachineParameters::small_machining_centre();
+    let mut half = Box::new(RealtimeHalf::new(
+        &parameters,
+        Plant::new(&parameters, Point::ORIGIN, 1),
+        Quality::Simulated,
+    ));
+    let step = StepId(1);
+    let mut program: Vec<Command> = vec![
+        Command::Tool {
+            tool: ToolNumber(1),
+            step,
+        },
+        Command::Spindle {
+            spindle: SpindleCommand::Clockwise(Rpm(6000.0)),
+            step,
+        },
+    ];
+    // X there and back as a sine: starts and ends at rest.
+    let (amplitude, w) = (20.0, 5.0);
+    program.extend((1..=2_513).map(|n| {
+        let t = f64::from(n) * 0.001;
+        Command::SetPoint(SetPoint {
+            position: [amplitude * (1.0 - libm::cos(w * t)), 0.0, 0.0],
+            velocity: [amplitude * w * libm::sin(w * t), 0.0, 0.0],
+            acceleration: [amplitude * w * w * libm::cos(w * t), 0.0, 0.0],
+            step: StepId(2),
+            path_length: 0.0,
+            path_speed: (amplitude * w * libm::sin(w * t)).abs(),
+        })
+    }));
+    program.push(Command::Dwell { cycles: 20, step });
+    program.push(Command::End { step });
+
+    half.request(Request::PowerOn);
+    let mut next = 0;
+    let mut moved: f64 = 0.0;
+    let before = allocations();
+    for n in 0..12_000u64 {
+        while next < program.len() && half.push(program[next]).is_ok() {
+            next += 1;
+        }
+        match n {
+            4_000 => half.request(Request::Hold),
+            4_500 => half.request(Request::CycleStart),
+            8_000 => half.drive_mut().set_emergency_stop(true),
+            8_500 => half.drive_mut().set_emergency_stop(false),
+            9_000 => half.request(Request::Reset),
+            _ => {}
+        }
+        half.tick(Tick(n));
+        while let Some(report) = half.report() {
+            moved = moved.max(report.sample.actual[0]);
+        }
+    }
+    let count = allocations() - before;
+    assert_eq!(count, 0, "{count} allocations or releases in 12000 cycles");
+    assert_eq!(
+        (next, half.controller().counters().completed),
+        (program.len(), program.len() as u64)
+    );
+    assert!((moved - 40.0).abs() < 0.1, "it has to have moved: {moved}");
+}
+
+#[test]
+fn no_source_of_the_realtime_half_names_an_allocator() {
+    let mut files = 0;
+    for folder in ["src", "../units/src"] {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+        for entry in std::fs::read_dir(&folder).expect("the crate's sources") {
+            let path = entry.expect("an entry").path();
+            let text = std::fs::read_to_string(&path).expect("a source file");
+            // Unit tests stand at the end of a file and may use std.
+            let product = text.split("#[cfg(test)]").next().unwrap_or_default();
+            for word in ["extern crate alloc", "extern crate std", "alloc::", "std::"] {
+                assert!(!product.contains(word), "{} says {word}", path.display());
+            }
+            if path.ends_with("lib.rs") {
+                assert!(text.contains("\n#![no_std]\n"), "{} is not no_std", path.display());
+            }
+            files += 1;
+        }
+    }
+    assert!(files > 10, "only {files} files looked at");
+}

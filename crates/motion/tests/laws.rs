@@ -1,0 +1,518 @@
+//! What holds for every program: limits, tolerance, end point, order.
+
+mod support;
+
+use machine::{Command, SetPoint};
+use motion::Output;
+use plan::{
+    Alarm, Answer, Arc, CoolantState, Feed, FrameChange, Level, Marker, Move, Path, PathMode, Speed, SpindleMode, SpindleState,
+    Spline, StepKind, ToolOffset,
+};
+use proptest::prelude::*;
+use support::{Generated, Planned, feed_move, line, plan, polyline, program, reference};
+use units::{Millimetres, MmPerSec, Point, Radians, Rpm, Seconds, Setup, Transform, Vector, WorkingstepId};
+
+/// Distance from a place to programmed paths, given as chords that stay within 0.01 um of them.
+fn distance(place: [f64; 3], chords: &[Vec<Point<Setup>>]) -> f64 {
+    let p = Point::<Setup>::from_xyz(place);
+    let to_chord = |c: &[Point<Setup>]| {
+        let d = c[1] - c[0];
+        let t = if d.dot(d) > 0.0 {
+            ((p - c[0]).dot(d) / d.dot(d)).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
+        p.distance(c[0].toward(c[1], t))
+    };
+    chords
+        .iter()
+        .flat_map(|path| path.windows(2).map(to_chord))
+        .fold(f64::INFINITY, f64::min)
+}
+
+fn chords(path: &Path<Setup>) -> Vec<Point<Setup>> {
+    let mut points = vec![];
+    path.flatten(1e-5, 20_000, |_, p| points.push(p));
+    points
+}
+
+fn paths_of(steps: &[StepKind]) -> Vec<Path<Setup>> {
+    steps
+        .iter()
+        .filter_map(|s| {
+            if let StepKind::Move(m) = s {
+                Some(m.path.clone())
+            } else {
+                None
+            }
+        })
+        .collect()
+}
+
+#[track_caller]
+fn check_laws(steps: Vec<StepKind>, start: [f64; 3], tolerance: f64) -> Planned {
+    let planned = plan(program(steps.clone()), start, reference(tolerance));
+    let s = planned.statistics;
+    assert!(
+        matches!(planned.others.last(), Some(Output::End)),
+        "{:?}",
+        planned.others.last()
+    );
+    assert!(s.worst_speed_ratio <= 1.001, "speed {}", s.worst_speed_ratio);
+    assert!(
+        s.worst_acceleration_ratio <= 1.001,
+        "acceleration {}",
+        s.worst_acceleration_ratio
+    );
+    let paths = paths_of(&steps);
+    if let (Some(last), Some(path)) = (planned.points.last(), paths.iter().rfind(|p| p.length() > 1e-9)) {
+        assert_eq!(last.position, path.end().xyz, "the end point is exact");
+        assert_eq!(last.velocity, [0.0; 3]);
+    }
+    // The places that are furthest from the path are those in corners, where the machine is slow: many samples are in them.
+    let step = (planned.points.len() / 200).max(1);
+    let chords: Vec<_> = paths.iter().map(chords).collect();
+    for p in planned.points.iter().step_by(step) {
+        let d = distance(p.position, &chords);
+        assert!(d <= tolerance.max(1e-4) + 2e-5, "{d} mm off the path at {p:?}");
+    }
+    assert!(
+        planned.points.windows(2).all(|p| p[0].path_length <= p[1].path_length),
+        "path length never falls"
+    );
+    assert!(
+        planned.points.windows(2).all(|p| p[0].step <= p[1].step),
+        "steps come in order"
+    );
+    planned
+}
+
+fn arc(from: Point<Setup>, centre: [f64; 3], sweep: f64, rise: f64) -> Path<Setup> {
+    Path::Arc(Arc {
+        from,
+        centre: Point::from_xyz(centre),
+        normal: Vector::Z,
+        sweep: Radians(sweep),
+        rise,
+    })
+}
+
+/// Moves that follow each other: a line somewhere, an arc round somewhere, a tiny chord, a spline.
+fn moves() -> impl Strategy<Value = Vec<StepKind>> {
+    let place = prop::array::uniform3(-40.0..40.0f64);
+    let one = (0..6u8, place, 0.3..6.0f64, 300.0..40000.0f64, prop::bool::weighted(0.15));
+    prop::collection::vec(one, 1..40).prop_map(|items| {
+        let mut at = Point::<Setup>::ORIGIN;
+        let mut steps = vec![];
+        for (kind, to, size, feed, rapid) in items {
+            let target = Point::from_xyz(to);
+            let path = match kind {
+                0 | 1 => Path::Line { from: at, to: target },
+                2 | 3 => {
+                    let short = (target - at).unit().unwrap_or(Vector::X) * (size * 0.05);
+                    Path::Line {
+                        from: at,
+                        to: at + short,
+                    }
+                }
+                4 => {
+                    let centre = (at + Vector::new(size, size * 0.3, 0.0)).xyz;
+                    arc(
+                        at,
+                        centre,
+                        if to[0] > 0.0 { size } else { -size },
+                        if to[1] > 20.0 { 2.0 } else { 0.0 },
+                    )
+                }
+                _ => Path::Spline(Spline {
+                    degree: 3,
+                    poles: vec![
+                        at,
+                        at + Vector::new(size, 0.0, 0.0),
+                        target + Vector::new(0.0, size, 0.0),
+                        target,
+                    ],
+                    weights: vec![],
+                    knots: vec![0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0],
+                }),
+            };
+            at = path.end();
+            let speed = if rapid {
+                Speed::Rapid
+            } else {
+                Speed::Feed(Feed::PerTime(MmPerSec(feed / 60.0)))
+            };
+            steps.push(StepKind::Move(Move {
+                path,
+                speed,
+                profile: None,
+                derived: false,
+            }));
+        }
+        steps
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_program_keeps_its_limits_and_its_tolerance(steps in moves(), tolerance in prop::sample::select(vec![0.001, 0.01, 0.1])) {
+        check_laws(steps, [0.0; 3], tolerance);
+    }
+
+    #[test]
+    fn dense_chords_of_any_curve_keep_limits_and_tolerance(
+        radius in 0.5..30.0f64, step in 0.02..0.6f64, wobble in 0.0..0.4f64, feed in 100.0..60000.0f64,
+    ) {
+        let points: Vec<[f64; 3]> = (0..300)
+            .map(|k| {
+                let u = f64::from(k) * step / radius;
+                let r = radius + wobble * libm::sin(7.0 * u);
+                [libm::round(r * libm::cos(u) * 1e4) / 1e4, libm::round(r * libm::sin(u) * 1e4) / 1e4, 0.1 * u]
+            })
+            .collect();
+        check_laws(polyline(&points, feed, PathMode::Tolerance(Some(Millimetres(0.01)))), points[0], 0.01);
+    }
+}
+
+#[test]
+fn a_program_without_steps_ends_at_once() {
+    let planned = plan(program(vec![]), [1.0, 2.0, 3.0], reference(0.01));
+    assert_eq!(planned.points, vec![]);
+    assert_eq!(planned.others, vec![Output::End]);
+}
+
+#[test]
+fn a_reversal_comes_to_rest_at_the_turning_point() {
+    let steps = polyline(
+        &[[0.; 3], [10., 0., 0.], [0.; 3]],
+        6000.0,
+        PathMode::Tolerance(Some(Millimetres(0.1))),
+    );
+    let planned = check_laws(steps, [0.0; 3], 0.1);
+    let furthest = planned.points.iter().map(|p| p.position[0]).fold(0.0, f64::max);
+    assert!((9.998..=10.0).contains(&furthest), "{furthest}");
+}
+
+#[test]
+fn a_rapid_meets_a_feed_at_rest_in_the_corner() {
+    let rapid = StepKind::Move(Move {
+        path: line([0.; 3], [10., 0., 0.]),
+        speed: Speed::Rapid,
+        profile: None,
+        derived: false,
+    });
+    let steps = vec![rapid, feed_move(line([10., 0., 0.], [10., 10., 0.]), 3000.0)];
+    let planned = check_laws(steps, [0.0; 3], 0.1);
+    let off_corner = planned
+        .points
+        .iter()
+        .filter(|p| p.position[1] > 0.0)
+        .all(|p| p.position[0] == 10.0);
+    assert!(off_corner, "the feed runs exactly along its own line");
+}
+
+#[test]
+fn exact_stop_reaches_every_corner_and_exact_path_stays_within_half_a_pulse() {
+    let points = [[0.; 3], [10., 0., 0.], [10., 10., 0.], [20., 10., 0.]];
+    let nearest = |mode| {
+        let planned = check_laws(polyline(&points, 6000.0, mode), [0.; 3], 0.01);
+        points.map(|c| {
+            planned
+                .points
+                .iter()
+                .map(|p| Point::<Setup>::from_xyz(p.position).distance(Point::from_xyz(c)))
+                .fold(1.0, f64::min)
+        })
+    };
+    assert!(nearest(PathMode::ExactStop).iter().all(|d| *d < 0.002));
+    let planned = plan(
+        program(polyline(&points, 6000.0, PathMode::ExactPath)),
+        [0.; 3],
+        reference(0.01),
+    );
+    assert!(planned.statistics.max_deviation <= Millimetres(0.0005));
+}
+
+#[test]
+fn a_slower_feed_holds_from_its_first_millimetre() {
+    let steps = vec![
+        feed_move(line([0.; 3], [50., 0., 0.]), 12000.0),
+        feed_move(line([50., 0., 0.], [60., 0., 0.]), 600.0),
+    ];
+    let planned = check_laws(steps, [0.; 3], 0.01);
+    let too_fast = planned
+        .points
+        .iter()
+        .filter(|p| p.position[0] > 50.0 + 1e-9)
+        .map(|p| p.path_speed)
+        .fold(0.0, f64::max);
+    assert!(too_fast <= 10.0 * 1.001, "{too_fast}");
+}
+
+#[test]
+fn a_full_circle_is_a_circle() {
+    let steps = vec![feed_move(
+        arc(Point::new(20.0, 0.0, 0.0), [0.0; 3], std::f64::consts::TAU, 0.0),
+        6000.0,
+    )];
+    let planned = check_laws(steps, [20.0, 0.0, 0.0], 0.01);
+    assert!(
+        planned
+            .points
+            .iter()
+            .all(|p| (Point::<Setup>::from_xyz(p.position).distance(Point::ORIGIN) - 20.0).abs() < 1e-9)
+    );
+    assert!((planned.statistics.path_length.0 - 125.66).abs() < 0.01);
+}
+
+#[test]
+fn every_step_passes_once_in_order_between_the_moves_around_it() {
+    let marker = |level, name: &str| {
+        StepKind::Begin(Marker {
+            level,
+            name: name.into(),
+            entity: None,
+            maximum_deviation: None,
+            derived: false,
+        })
+    };
+    let steps = vec![
+        marker(Level::Workingstep, "one"),
+        feed_move(line([0.; 3], [5., 0., 0.]), 3000.0),
+        StepKind::Coolant(CoolantState {
+            flood: true,
+            ..CoolantState::default()
+        }),
+        feed_move(line([5., 0., 0.], [10., 0., 0.]), 3000.0),
+        StepKind::End(Level::Workingstep),
+        marker(Level::Workingstep, "two"),
+        feed_move(line([10., 0., 0.], [10., 5., 0.]), 3000.0),
+        StepKind::Dwell(Seconds(0.0105)),
+        StepKind::End(Level::Workingstep),
+    ];
+    let mut trajectory = motion::Trajectory::new(Box::new(program(steps)), Point::ORIGIN, reference(0.01));
+    let mut seen = vec![];
+    let mut last: Option<SetPoint> = None;
+    loop {
+        match trajectory.next(None) {
+            Output::Command(Command::SetPoint(p)) => last = Some(p),
+            Output::End => break,
+            Output::Passed(step) => seen.push(format!("{} at {:.0?}", step.id, last.map_or([0.0; 3], |p| p.position))),
+            Output::Command(c) => seen.push(format!("{c:?}").split([' ', '(']).next().unwrap_or_default().to_owned()),
+            other => panic!("{other:?}"),
+        }
+    }
+    assert_eq!(
+        seen.join("\n"),
+        "step 1 at [0, 0, 0]\nWorkingstep\nstep 3 at [5, 0, 0]\nCoolant\nstep 5 at [10, 0, 0]\nWorkingstep\nstep 6 at [10, 0, 0]\n\
+         Workingstep\nstep 8 at [10, 5, 0]\nDwell\nstep 9 at [10, 5, 0]\nWorkingstep"
+    );
+    assert!(
+        trajectory.statistics().time.0 > 0.2,
+        "coolant and markers do not stop the motion, the dwell is counted"
+    );
+}
+
+#[test]
+fn workingsteps_are_counted_from_one_and_none_is_zero() {
+    let begin = || {
+        StepKind::Begin(Marker {
+            level: Level::Workingstep,
+            name: String::new(),
+            entity: None,
+            maximum_deviation: None,
+            derived: false,
+        })
+    };
+    let planned = plan(
+        program(vec![begin(), StepKind::End(Level::Workingstep), begin()]),
+        [0.; 3],
+        reference(0.01),
+    );
+    let ids: Vec<u32> = planned
+        .others
+        .iter()
+        .filter_map(|o| match o {
+            Output::Command(Command::Workingstep {
+                workingstep: WorkingstepId(n),
+                ..
+            }) => Some(*n),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(ids, [1, 0, 2]);
+}
+
+#[test]
+fn a_question_comes_when_everything_before_it_was_given_out() {
+    let steps = [
+        feed_move(line([0.; 3], [5., 0., 0.]), 3000.0),
+        feed_move(line([5., 0., 0.], [9., 0., 0.]), 3000.0),
+    ];
+    let mut stream = Generated::new(|k| steps.get(k as usize).cloned());
+    stream.ask_at = Some(1);
+    let mut trajectory = motion::Trajectory::new(Box::new(stream), Point::ORIGIN, reference(0.01));
+    let mut last = [0.0; 3];
+    loop {
+        match trajectory.next(None) {
+            Output::Command(Command::SetPoint(p)) => last = p.position,
+            Output::Ask(_) => break,
+            other => panic!("{other:?}"),
+        }
+    }
+    assert_eq!(last, [5.0, 0.0, 0.0]);
+    assert!(
+        matches!(trajectory.next(None), Output::Ask(_)),
+        "asked again until it is answered"
+    );
+    let mut end = false;
+    let mut answer = Some(Answer::Truth(false));
+    while !end {
+        match trajectory.next(answer.take()) {
+            Output::Command(Command::SetPoint(p)) => last = p.position,
+            Output::End => end = true,
+            other => panic!("{other:?}"),
+        }
+    }
+    assert_eq!(last, [9.0, 0.0, 0.0]);
+}
+
+#[test]
+fn frames_and_tool_offsets_place_the_gauge_point() {
+    let frame = FrameChange {
+        name: "G54".into(),
+        machine_from_setup: Transform::shift([-400.0, -200.0, -300.0]),
+        assumed: false,
+    };
+    let offset = ToolOffset {
+        number: 1,
+        geometry: Vector::new(0.0, 0.0, 95.0),
+        wear: Vector::new(0.0, 0.0, 0.02),
+        assumed: false,
+    };
+    let steps = vec![
+        StepKind::Frame(frame),
+        StepKind::ToolOffset(offset),
+        feed_move(line([0., 0., 10.], [0., 0., 0.]), 3000.0),
+    ];
+    let planned = plan(program(steps), [-400.0, -200.0, -194.98], reference(0.01));
+    let end = planned.points.last().expect("it moves").position;
+    assert!((end[2] - (-300.0 + 95.02)).abs() < 1e-9, "{end:?}");
+}
+
+fn alarm_of(steps: Vec<StepKind>) -> Alarm {
+    match plan(program(steps), [0.; 3], reference(0.01)).others.pop() {
+        Some(Output::Alarm(alarm)) => alarm,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn what_cannot_be_moved_is_an_alarm_that_says_why() {
+    let spinning = SpindleState::Clockwise(SpindleMode::Revolutions(Rpm(600.0)));
+    let per_rev = |path| {
+        StepKind::Move(Move {
+            path,
+            speed: Speed::Feed(Feed::PerRevolution(Millimetres(0.2))),
+            profile: None,
+            derived: false,
+        })
+    };
+    assert_eq!(
+        alarm_of(vec![feed_move(line([0.; 3], [f64::NAN, 0., 0.]), 600.0)])
+            .diagnostic
+            .code,
+        "bad-geometry"
+    );
+    assert_eq!(
+        alarm_of(vec![feed_move(line([1., 0., 0.], [2., 0., 0.]), 600.0)])
+            .diagnostic
+            .code,
+        "path-gap"
+    );
+    assert_eq!(
+        alarm_of(vec![feed_move(line([0.; 3], [2., 0., 0.]), 0.0)]).diagnostic.code,
+        "bad-feed"
+    );
+    assert_eq!(
+        alarm_of(vec![per_rev(line([0.; 3], [2., 0., 0.]))]).diagnostic.code,
+        "feed-without-spindle"
+    );
+    let planned = plan(
+        program(vec![StepKind::Spindle(spinning), per_rev(line([0.; 3], [20., 0., 0.]))]),
+        [0.; 3],
+        reference(0.01),
+    );
+    assert!((planned.points[500].path_speed - 2.0).abs() < 0.01, "0.2 mm at 10 rev/s");
+}
+
+#[test]
+fn with_constant_surface_speed_the_spindle_follows_the_radius() {
+    let surface = SpindleMode::Surface {
+        speed: MmPerSec(2000.0),
+        limit: Rpm(3000.0),
+    };
+    let facing = Move {
+        path: line([30., 0., 0.], [1., 0., 0.]),
+        speed: Speed::Feed(Feed::PerRevolution(Millimetres(0.2))),
+        profile: None,
+        derived: false,
+    };
+    let planned = plan(
+        program(vec![
+            StepKind::Spindle(SpindleState::Clockwise(surface)),
+            StepKind::Move(facing),
+        ]),
+        [30., 0., 0.],
+        reference(0.01),
+    );
+    let told: Vec<f64> = planned
+        .others
+        .iter()
+        .filter_map(|o| {
+            if let Output::Command(Command::SpindleSpeed(n)) = o {
+                Some(n.0)
+            } else {
+                None
+            }
+        })
+        .collect();
+    assert!(told.windows(2).all(|n| n[0] < n[1]), "it only rises towards the centre");
+    assert_eq!(told.last(), Some(&3000.0), "and stops at its limit");
+    let fastest = planned.points.iter().map(|p| p.path_speed).fold(0.0, f64::max);
+    assert!((fastest - 10.0).abs() < 0.05, "0.2 mm at 3000 rev/min: {fastest}");
+}
+
+#[test]
+fn a_long_program_passes_through_a_bounded_window() {
+    // The stream is a function: what the planner keeps is all there is. 200 000 chords here, 10 million in the soak.
+    let count: u32 = std::env::var("TOOLMARK_BLOCKS")
+        .ok()
+        .and_then(|v| v.parse().ok())
+        .unwrap_or(200_000);
+    let place = |k: u32| {
+        let u = f64::from(k) * 0.004;
+        [25.0 * libm::cos(u), 25.0 * libm::sin(u), 0.0]
+    };
+    let stream = Generated::new(move |k| (k < count).then(|| feed_move(line(place(k), place(k + 1)), 12000.0)));
+    let mut trajectory = motion::Trajectory::new(Box::new(stream), Point::from_xyz(place(0)), reference(0.01));
+    let mut samples = 0u64;
+    loop {
+        match trajectory.next(None) {
+            Output::Command(_) => samples += 1,
+            Output::End => break,
+            other => panic!("{other:?}"),
+        }
+    }
+    let s = trajectory.statistics();
+    assert_eq!(s.blocks, u64::from(count));
+    assert_eq!(s.samples, samples);
+    let seconds = f64::from(count) * 0.1 / 200.0;
+    assert!(
+        (s.time.0 - seconds).abs() < 0.02 * seconds,
+        "as fast as the feed: {} s",
+        s.time.0
+    );
+}

@@ -1,0 +1,127 @@
+//! A program from a generator, and the set-points it becomes: what the tests and the example share.
+#![allow(dead_code, reason = "each user takes a part of it")]
+
+use machine::{Command, SetPoint};
+use motion::{Limits, Output, Statistics, Trajectory};
+use plan::{
+    Answer, Diagnostic, Feed, FileId, Move, Next, Origin, Path, PathMode, Place, ProgramStream, Question, Speed, Step, StepKind,
+};
+use units::{Machine, Millimetres, MmPerSec, MmPerSec2, Point, Setup, StepId};
+
+/// A program whose steps come from a function of their index.
+pub struct Generated<F> {
+    pub step: F,
+    pub next: u32,
+    pub ask_at: Option<u32>,
+    pub answers: Vec<Answer>,
+}
+
+impl<F: FnMut(u32) -> Option<StepKind>> Generated<F> {
+    pub fn new(step: F) -> Self {
+        Generated {
+            step,
+            next: 0,
+            ask_at: None,
+            answers: vec![],
+        }
+    }
+}
+
+impl<F: FnMut(u32) -> Option<StepKind>> ProgramStream for Generated<F> {
+    fn next(&mut self, answer: Option<Answer>) -> Next {
+        self.answers.extend(answer);
+        if self.ask_at == Some(self.next) {
+            self.ask_at = None;
+            return Next::Ask(Question::OptionalStop);
+        }
+        match (self.step)(self.next) {
+            None => Next::End,
+            Some(kind) => {
+                self.next += 1;
+                Next::Step(Step {
+                    id: StepId(self.next),
+                    origin: Origin {
+                        file: FileId(0),
+                        place: Place::Given,
+                    },
+                    kind,
+                })
+            }
+        }
+    }
+    fn rewind(&mut self) {
+        self.next = 0;
+    }
+    fn diagnostics(&self) -> &[Diagnostic] {
+        &[]
+    }
+    fn file_name(&self, _file: FileId) -> &str {
+        "generated"
+    }
+}
+
+pub fn program(steps: Vec<StepKind>) -> Generated<impl FnMut(u32) -> Option<StepKind>> {
+    Generated::new(move |k| steps.get(k as usize).cloned())
+}
+
+pub fn feed_move(path: Path<Setup>, mm_per_min: f64) -> StepKind {
+    let speed = Speed::Feed(Feed::PerTime(MmPerSec::from_mm_per_min(mm_per_min)));
+    StepKind::Move(Move {
+        path,
+        speed,
+        profile: None,
+        derived: false,
+    })
+}
+
+pub fn line(from: [f64; 3], to: [f64; 3]) -> Path<Setup> {
+    Path::Line {
+        from: Point::from_xyz(from),
+        to: Point::from_xyz(to),
+    }
+}
+
+/// The reference machine of `motion-references`: 500 mm/s, 3000 mm/s^2 each axis.
+pub fn reference(tolerance: f64) -> Limits {
+    Limits::uniform(MmPerSec(500.0), MmPerSec2(3000.0), Millimetres(tolerance))
+}
+
+/// Lines through points at one feed.
+pub fn polyline(points: &[[f64; 3]], mm_per_min: f64, mode: PathMode) -> Vec<StepKind> {
+    std::iter::once(StepKind::PathMode(mode))
+        .chain(points.windows(2).map(|p| feed_move(line(p[0], p[1]), mm_per_min)))
+        .collect()
+}
+
+pub struct Planned {
+    pub points: Vec<SetPoint>,
+    pub others: Vec<Output>,
+    pub statistics: Statistics,
+}
+
+/// Everything a program becomes from `start`.
+pub fn plan(stream: impl ProgramStream, start: [f64; 3], limits: Limits) -> Planned {
+    let mut trajectory = Trajectory::new(Box::new(stream), Point::<Machine>::from_xyz(start), limits);
+    let (mut points, mut others) = (vec![], vec![]);
+    let mut answer = None;
+    loop {
+        match trajectory.next(answer.take()) {
+            Output::Command(Command::SetPoint(p)) => points.push(p),
+            end @ (Output::End | Output::Alarm(_)) => {
+                others.push(end);
+                break;
+            }
+            other => {
+                if matches!(other, Output::Ask(_)) {
+                    answer = Some(Answer::Truth(true));
+                }
+                others.push(other);
+            }
+        }
+    }
+    Planned {
+        points,
+        others,
+        statistics: trajectory.statistics(),
+    }
+}

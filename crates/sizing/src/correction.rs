@@ -1,0 +1,705 @@
+//! The checks of an entry, in the order in which a person meets them, and the law of the correction.
+
+use crate::{Dimension, DimensionError, NotASize, Role, Unit, entry};
+use ledger::ChangeRequest;
+use std::cmp::Ordering;
+use thiserror::Error;
+use units::{Millimetres, Timestamp, ToolNumber};
+
+/// What a person entered.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Entry {
+    /// The measured size as it was typed.
+    pub text: String,
+    /// The unit it was typed in.
+    pub unit: Unit,
+    /// Who.
+    pub who: String,
+    /// The person's level, 1 (highest) to 10.
+    pub level: u8,
+    /// The person's own words, may be empty.
+    pub remark: String,
+    /// When.
+    pub when: Timestamp,
+}
+
+/// What is known of register and dimension at that moment.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Present {
+    /// What stands in the register, mm; `None` when it was never set, which counts as 0.
+    pub register: Option<f64>,
+    /// What the person saw there, when the person was shown it.
+    pub seen: Option<f64>,
+    /// When this dimension was last entered.
+    pub last_entry: Option<Timestamp>,
+}
+
+/// A measured size against its limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Within the limits.
+    Good,
+    /// Below the low limit.
+    TooSmall,
+    /// Above the high limit.
+    TooLarge,
+}
+
+/// What an entry comes to. Nothing has been changed: hand `request` to the one function that does.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Correction {
+    /// The dimension's name.
+    pub dimension: String,
+    /// The tool.
+    pub tool: ToolNumber,
+    /// The register's path.
+    pub register: String,
+    /// What was measured.
+    pub measured: Millimetres,
+    /// What was aimed at.
+    pub target: Millimetres,
+    /// The part against its limits.
+    pub verdict: Verdict,
+    /// The register before, mm.
+    pub before: f64,
+    /// The register after, mm.
+    pub after: f64,
+    /// The difference, in whole steps of the register, mm.
+    pub change: f64,
+    /// The size that the next part will have if nothing else changes; derived.
+    pub next_part: Millimetres,
+    /// The effect in words.
+    pub effect: String,
+    /// The change to be made; `None` when there is none to make: the size is only watched, or within half a step of the target.
+    pub request: Option<ChangeRequest>,
+}
+
+/// Why an entry was refused; nothing was changed.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum EntryError {
+    /// The dimension itself is not usable.
+    #[error(transparent)]
+    Dimension(#[from] DimensionError),
+    /// The text is no size.
+    #[error(transparent)]
+    NotASize(#[from] NotASize),
+    /// The same dimension was entered a moment ago.
+    #[error(
+        "{dimension} was entered less than a second ago: this entry was not used; look whether the first one was, then measure the next part"
+    )]
+    Repeated {
+        /// Which dimension.
+        dimension: String,
+    },
+    /// The register is not what the person saw.
+    #[error(
+        "{register} is {found} mm and no longer {seen} mm: somebody changed it meanwhile; look at it and enter the size again"
+    )]
+    Stale {
+        /// Which register.
+        register: String,
+        /// What was seen.
+        seen: f64,
+        /// What stands there.
+        found: f64,
+    },
+    /// The register holds no number.
+    #[error("{register} holds {found}: set it to a number first")]
+    BadRegister {
+        /// Which register.
+        register: String,
+        /// What stands there.
+        found: f64,
+    },
+    /// Outside the window, alarm 100 of the published macros.
+    #[error("alarm 100 DIMENSION ENTERED TOO SMALL: {dimension} {measured} is not above {limit}{}; measure again, or widen the entry window",
+        meant.as_ref().map(|m| format!("; did you mean {m}?")).unwrap_or_default())]
+    TooSmall {
+        /// Which dimension.
+        dimension: String,
+        /// What was entered, in the entry's unit.
+        measured: String,
+        /// The end of the window.
+        limit: String,
+        /// The same number in the other unit, when that would fit.
+        meant: Option<String>,
+    },
+    /// Outside the window, alarm 101 of the published macros.
+    #[error("alarm 101 DIMENSION ENTERED TOO BIG: {dimension} {measured} is not below {limit}{}; measure again, or widen the entry window",
+        meant.as_ref().map(|m| format!("; did you mean {m}?")).unwrap_or_default())]
+    TooBig {
+        /// Which dimension.
+        dimension: String,
+        /// What was entered, in the entry's unit.
+        measured: String,
+        /// The end of the window.
+        limit: String,
+        /// The same number in the other unit, when that would fit.
+        meant: Option<String>,
+    },
+    /// The change is larger than the person may make.
+    #[error(
+        "{dimension} {measured} would change {register} by {change}, more than {largest} in one step: measure again; if it is right, \
+             a person of level 3 or better must enter it"
+    )]
+    StepTooLarge {
+        /// Which dimension.
+        dimension: String,
+        /// What was entered.
+        measured: String,
+        /// Which register.
+        register: String,
+        /// The change.
+        change: String,
+        /// The largest allowed.
+        largest: String,
+    },
+}
+
+impl EntryError {
+    /// The alarm number and text of the published macros, where there is one.
+    pub fn alarm(&self) -> Option<(u32, &'static str)> {
+        match self {
+            EntryError::TooSmall { .. } => Some((100, "DIMENSION ENTERED TOO SMALL")),
+            EntryError::TooBig { .. } => Some((101, "DIMENSION ENTERED TOO BIG")),
+            _ => None,
+        }
+    }
+}
+
+/// The level that may make a change beyond the largest single step.
+const LEVEL_FOR_LARGE_STEPS: u8 = 3;
+/// A second entry within this time is the same keystroke.
+const REPEATED_WITHIN: f64 = 1.0;
+
+/// Checks an entry and works out what it does to the register.
+///
+/// # Errors
+/// In this order: the dimension makes no sense; the text is no size or has two meanings; it was entered a moment ago, or the register
+/// is not what the person saw; it is outside the entry window; the change is larger than the person may make.
+///
+/// ```
+/// # use sizing::{Dimension, Entry, Present, Response, Role, Unit, enter};
+/// # use units::{Axis, Millimetres, Timestamp, ToolNumber};
+/// let dimension = Dimension {
+///     name: "DIM A".into(),
+///     unit: Unit::Mm,
+///     nominal: Millimetres(20.0),
+///     low: Millimetres(19.98),
+///     high: Millimetres(20.02),
+///     target: Millimetres(19.995),
+///     tool: ToolNumber(3),
+///     axis: Axis::X,
+///     register: "sim-lathe/tool/3/wear/x_mm".into(),
+///     response: Response::Same,
+///     window: (Millimetres(19.8), Millimetres(20.2)),
+///     largest_step: Millimetres(0.1),
+///     increment: Millimetres(0.001),
+///     role: Role::Controls,
+/// };
+/// let entry = Entry {
+///     text: "20.015".into(),
+///     unit: Unit::Mm,
+///     who: "Maria".into(),
+///     level: 5,
+///     remark: String::new(),
+///     when: Timestamp(0),
+/// };
+/// let correction = enter(&dimension, &entry, &Present { register: Some(-0.1), ..Present::default() })?;
+/// assert_eq!((correction.before, correction.after), (-0.1, -0.12));
+/// # Ok::<(), sizing::EntryError>(())
+/// ```
+pub fn enter(dimension: &Dimension, entry: &Entry, present: &Present) -> Result<Correction, EntryError> {
+    dimension.check()?;
+    let number = entry::number(&entry.text)?;
+    let measured = entry.unit.length(number);
+    check_fresh(dimension, entry, present)?;
+    check_window(dimension, entry.unit, number)?;
+
+    let steps = (dimension.target - measured) / dimension.increment / dimension.response.size_per_register();
+    let change = match dimension.role {
+        Role::Controls => tidy(libm::round(steps) * dimension.increment.0),
+        Role::Watch => 0.0,
+    };
+    check_step(dimension, entry, measured, change)?;
+
+    let before = present.register.unwrap_or(0.0);
+    let after = tidy(before + change);
+    let next_part = measured + Millimetres(change * dimension.response.size_per_register());
+    let request = (change != 0.0).then(|| ChangeRequest {
+        path: dimension.register.clone(),
+        to: after,
+        expected: present.register,
+        who: entry.who.clone(),
+        why: reason(dimension, entry, measured),
+        when: entry.when,
+    });
+    Ok(Correction {
+        dimension: dimension.name.clone(),
+        tool: dimension.tool,
+        register: dimension.register.clone(),
+        measured,
+        target: dimension.target,
+        verdict: verdict(dimension, measured),
+        before,
+        after,
+        change,
+        next_part,
+        effect: effect(dimension, measured, before, after, change, next_part),
+        request,
+    })
+}
+
+fn check_fresh(dimension: &Dimension, entry: &Entry, present: &Present) -> Result<(), EntryError> {
+    if let Some(last) = present.last_entry {
+        // A clock that was set back makes the time negative; a size entered twice is worse than one entered again.
+        let apart = entry.when.0.abs_diff(last.0) as f64 * 1e-9;
+        if apart < REPEATED_WITHIN {
+            return Err(EntryError::Repeated {
+                dimension: dimension.name.clone(),
+            });
+        }
+    }
+    let (register, found) = (dimension.register.clone(), present.register.unwrap_or(0.0));
+    if !found.is_finite() {
+        return Err(EntryError::BadRegister { register, found });
+    }
+    match present.seen {
+        Some(seen) if seen != found => Err(EntryError::Stale { register, seen, found }),
+        _ => Ok(()),
+    }
+}
+
+/// The ends of the window are outside, as in the published macros (`GT`, `LT`).
+fn check_window(dimension: &Dimension, unit: Unit, number: f64) -> Result<(), EntryError> {
+    let (from, to) = dimension.window;
+    let fits = |size: Millimetres| size > from && size < to;
+    let measured = unit.length(number);
+    if fits(measured) {
+        return Ok(());
+    }
+    let other = unit.other().length(number);
+    let meant = fits(other).then(|| unit.other().words(other));
+    let name = dimension.name.clone();
+    let shown = unit.words(measured);
+    Err(if measured <= from {
+        EntryError::TooSmall {
+            dimension: name,
+            measured: shown,
+            limit: dimension.unit.words(from),
+            meant,
+        }
+    } else {
+        EntryError::TooBig {
+            dimension: name,
+            measured: shown,
+            limit: dimension.unit.words(to),
+            meant,
+        }
+    })
+}
+
+fn check_step(dimension: &Dimension, entry: &Entry, measured: Millimetres, change: f64) -> Result<(), EntryError> {
+    // A billionth more is the dust of a decimal fraction and not a larger step.
+    let too_large = change.abs() > dimension.largest_step.0 * (1.0 + 1e-9);
+    let allowed = (1..=LEVEL_FOR_LARGE_STEPS).contains(&entry.level);
+    if !too_large || allowed {
+        return Ok(());
+    }
+    Err(EntryError::StepTooLarge {
+        dimension: dimension.name.clone(),
+        measured: entry.unit.words(measured),
+        register: dimension.register.clone(),
+        change: dimension.unit.words(Millimetres(change)),
+        largest: dimension.unit.words(dimension.largest_step),
+    })
+}
+
+fn verdict(dimension: &Dimension, measured: Millimetres) -> Verdict {
+    if measured < dimension.low {
+        Verdict::TooSmall
+    } else if measured > dimension.high {
+        Verdict::TooLarge
+    } else {
+        Verdict::Good
+    }
+}
+
+fn reason(dimension: &Dimension, entry: &Entry, measured: Millimetres) -> String {
+    let mut why = format!(
+        "{} measured {}, target {}",
+        dimension.name,
+        entry.unit.words(measured),
+        dimension.unit.words(dimension.target)
+    );
+    if !entry.remark.trim().is_empty() {
+        why.push_str(": ");
+        why.push_str(entry.remark.trim());
+    }
+    why
+}
+
+fn effect(dimension: &Dimension, measured: Millimetres, before: f64, after: f64, change: f64, next_part: Millimetres) -> String {
+    let shown = |mm: f64| dimension.unit.words(Millimetres(mm));
+    if dimension.role == Role::Watch {
+        return format!("changes nothing: {} is only watched", dimension.name);
+    }
+    let direction = match next_part.0.partial_cmp(&measured.0) {
+        Some(Ordering::Less) => "smaller",
+        Some(Ordering::Greater) => "larger",
+        _ => {
+            return format!(
+                "changes nothing: {} is within half a step of the target {}",
+                shown(measured.0),
+                shown(dimension.target.0)
+            );
+        }
+    };
+    format!(
+        "makes the size {direction}: {} {} -> {} ({}{}); next part about {}",
+        dimension.register,
+        shown(before),
+        shown(after),
+        if change > 0.0 { "+" } else { "" },
+        shown(change),
+        shown(next_part.0)
+    )
+}
+
+/// A millionth of a micrometre is the dust of binary fractions: what people enter and controls hold are decimal numbers.
+fn tidy(mm: f64) -> f64 {
+    let rounded = libm::round(mm * 1e9) / 1e9;
+    // 1e9 times a large number may overflow; such a register is as good as it was.
+    if rounded.is_finite() { rounded } else { mm }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Response;
+    use crate::dimension::tests::published;
+    use proptest::prelude::*;
+    use std::collections::BTreeMap;
+
+    fn entry(text: &str) -> Entry {
+        Entry {
+            text: text.into(),
+            unit: Unit::Inch,
+            who: "Maria".into(),
+            level: 5,
+            remark: String::new(),
+            when: Timestamp(10_000_000_000),
+        }
+    }
+
+    fn at(register: f64) -> Present {
+        Present {
+            register: Some(register),
+            ..Present::default()
+        }
+    }
+
+    #[test]
+    fn the_published_example_makes_the_wear_nine_steps_smaller() {
+        let correction = enter(&published(), &entry("3.2351"), &at(-0.3048)).expect("good");
+        let request = correction.request.expect("a change");
+        assert_eq!(correction.change, -0.02286); // -0.0009 in
+        assert_eq!((request.to, request.expected), (-0.32766, Some(-0.3048)));
+        assert_eq!(request.why, "DIM A measured 3.2351 in, target 3.2342 in");
+        assert_eq!(correction.verdict, Verdict::Good);
+        assert_eq!(
+            correction.effect,
+            "makes the size smaller: lathe/tool/5/wear/x_mm -0.0120 in -> -0.0129 in (-0.0009 in); next part about 3.2342 in"
+        );
+    }
+
+    #[track_caller]
+    fn check_refused(change: impl Fn(&mut Dimension, &mut Entry, &mut Present), expected: &str) -> EntryError {
+        let (mut dimension, mut typed, mut present) = (published(), entry("3.2351"), at(0.0));
+        enter(&dimension, &typed, &present).expect("good before the change");
+        change(&mut dimension, &mut typed, &mut present);
+        let refused = enter(&dimension, &typed, &present).expect_err(expected);
+        assert!(refused.to_string().contains(expected), "{refused}");
+        refused
+    }
+
+    #[test]
+    fn entries_at_the_ends_of_the_window_and_beyond_are_alarms() {
+        for (text, number) in [
+            ("3.22", 100),
+            ("3.2", 100),
+            ("0", 100),
+            ("-3.2351", 100),
+            ("3.245", 101),
+            ("3.2451", 101),
+            ("99", 101),
+        ] {
+            let refused = check_refused(|_, e, _| e.text = text.into(), "DIMENSION ENTERED TOO");
+            assert_eq!(refused.alarm().expect("an alarm").0, number, "{text}");
+        }
+        check_refused(
+            |_, e, _| e.text = "3.2".into(),
+            "alarm 100 DIMENSION ENTERED TOO SMALL: DIM A 3.2000 in is not above 3.2200 in; measure again",
+        );
+    }
+
+    #[test]
+    fn a_size_in_the_wrong_unit_is_asked_about() {
+        check_refused(
+            |_, e, _| e.text = "82.17".into(),
+            "DIM A 82.1700 in is not below 3.2450 in; did you mean 82.170 mm?",
+        );
+        let wrong_unit = |_: &mut Dimension, e: &mut Entry, _: &mut Present| e.unit = Unit::Mm;
+        check_refused(wrong_unit, "DIM A 3.2351 mm is not above 3.2200 in; did you mean 3.2351 in?");
+    }
+
+    #[test]
+    fn checks_come_in_the_order_of_the_screen() {
+        // Each of these also breaks what comes after it.
+        check_refused(
+            |d, e, _| {
+                d.increment = Millimetres(0.0);
+                e.text.clear();
+            },
+            "finest step",
+        );
+        check_refused(
+            |_, e, p| {
+                e.text.clear();
+                p.last_entry = Some(e.when);
+            },
+            "no size was entered",
+        );
+        check_refused(
+            |_, e, p| {
+                e.text = "99".into();
+                p.last_entry = Some(Timestamp(e.when.0 - 999_999_999));
+                p.seen = Some(1.0);
+            },
+            "less than a second ago",
+        );
+        check_refused(
+            |_, e, p| {
+                e.text = "99".into();
+                p.seen = Some(1.0);
+            },
+            "is 0 mm and no longer 1 mm",
+        );
+        check_refused(
+            |d, e, _| {
+                e.text = "99".into();
+                d.largest_step = Millimetres(1e-6);
+            },
+            "TOO BIG",
+        );
+        check_refused(
+            |d, _, _| d.largest_step = Millimetres(0.02),
+            "would change lathe/tool/5/wear/x_mm by -0.0009 in, more than 0.00079 in in one step",
+        );
+        check_refused(|_, _, p| p.register = Some(f64::NAN), "holds NaN");
+    }
+
+    #[test]
+    fn a_level_three_may_make_a_large_step_and_level_zero_is_no_level() {
+        let dimension = Dimension {
+            largest_step: Millimetres(0.01),
+            ..published()
+        };
+        for (level, allowed) in [(0, false), (1, true), (3, true), (4, false), (10, false)] {
+            let found = enter(
+                &dimension,
+                &Entry {
+                    level,
+                    ..entry("3.2351")
+                },
+                &at(0.0),
+            );
+            assert_eq!(found.is_ok(), allowed, "level {level}");
+        }
+        let exactly = Dimension {
+            largest_step: Unit::Inch.length(0.0009),
+            ..published()
+        };
+        assert!(enter(&exactly, &entry("3.2351"), &at(0.0)).is_ok());
+    }
+
+    #[test]
+    fn an_entry_a_second_later_is_a_new_one() {
+        let present = Present {
+            last_entry: Some(Timestamp(entry("").when.0 - 1_000_000_000)),
+            ..at(0.0)
+        };
+        assert!(enter(&published(), &entry("3.2351"), &present).is_ok());
+    }
+
+    #[test]
+    fn a_watched_size_is_judged_and_changes_nothing() {
+        let watched = Dimension {
+            role: Role::Watch,
+            ..published()
+        };
+        let correction = enter(&watched, &entry("3.2440"), &at(0.5)).expect("good");
+        assert_eq!(
+            (correction.request, correction.after, correction.verdict),
+            (None, 0.5, Verdict::TooLarge)
+        );
+        assert_eq!(correction.effect, "changes nothing: DIM A is only watched");
+    }
+
+    #[test]
+    fn a_size_on_target_changes_nothing() {
+        let correction = enter(&published(), &entry("3.23424"), &at(0.5)).expect("good");
+        assert_eq!((correction.request, correction.change), (None, 0.0));
+        assert_eq!(
+            correction.effect,
+            "changes nothing: 3.23424 in is within half a step of the target 3.2342 in"
+        );
+    }
+
+    #[track_caller]
+    fn check_sign(what: &str, response: Response, measured: &str, change: f64, direction: &str) {
+        let mm = Millimetres;
+        let dimension = Dimension {
+            unit: Unit::Mm,
+            nominal: mm(20.0),
+            low: mm(19.98),
+            high: mm(20.02),
+            target: mm(20.0),
+            window: (mm(19.0), mm(21.0)),
+            largest_step: mm(0.5),
+            increment: mm(0.001),
+            response,
+            ..published()
+        };
+        let typed = Entry {
+            unit: Unit::Mm,
+            ..entry(measured)
+        };
+        let correction = enter(&dimension, &typed, &at(0.0)).expect(what);
+        assert_eq!(correction.change, change, "{what}");
+        assert!(
+            correction.effect.starts_with(&format!("makes the size {direction}: ")),
+            "{what}: {}",
+            correction.effect
+        );
+    }
+
+    #[test]
+    fn every_kind_of_size_moves_its_register_the_right_way() {
+        check_sign(
+            "outside diameter too large, diameter register",
+            Response::Same,
+            "20.1",
+            -0.1,
+            "smaller",
+        );
+        check_sign(
+            "bore too large, diameter register: the tip moves in as well",
+            Response::Same,
+            "20.1",
+            -0.1,
+            "smaller",
+        );
+        check_sign("bore too small, diameter register", Response::Same, "19.9", 0.1, "larger");
+        check_sign(
+            "outside diameter too large, radius register",
+            Response::Twice,
+            "20.1",
+            -0.05,
+            "smaller",
+        );
+        check_sign("boss too small, cutter radius", Response::Twice, "19.9", 0.05, "larger");
+        check_sign(
+            "pocket too small, cutter radius",
+            Response::OppositeTwice,
+            "19.9",
+            -0.05,
+            "larger",
+        );
+        check_sign(
+            "pocket too large, cutter radius",
+            Response::OppositeTwice,
+            "20.1",
+            0.05,
+            "smaller",
+        );
+        check_sign(
+            "reversed X, outside diameter too large",
+            Response::Opposite,
+            "20.1",
+            0.1,
+            "smaller",
+        );
+    }
+
+    #[test]
+    fn the_same_correction_cannot_be_applied_twice() {
+        let mut registers = BTreeMap::new();
+        let mut chain = ledger::Chain::default();
+        let request = enter(&published(), &entry("3.2351"), &Present::default())
+            .expect("good")
+            .request
+            .expect("a change");
+        ledger::change(&mut registers, &mut chain, &request).expect("once");
+        assert!(ledger::change(&mut registers, &mut chain, &request).is_err());
+        assert_eq!(registers[&request.path], -0.02286);
+    }
+
+    fn any_response() -> impl Strategy<Value = Response> {
+        prop_oneof![
+            Just(Response::Same),
+            Just(Response::Twice),
+            Just(Response::Opposite),
+            Just(Response::OppositeTwice)
+        ]
+    }
+
+    proptest! {
+        /// A process whose size follows its register: whatever is measured, one entry brings the next part onto the target, as near as
+        /// the steps of the register allow.
+        #[test]
+        fn one_entry_brings_the_next_part_onto_the_target(
+            response in any_response(),
+            target in 5.0..300.0_f64,
+            off in -0.9..0.9_f64,
+            register in -2.0..2.0_f64,
+            increment in prop_oneof![Just(0.001), Just(0.0001), Just(0.00254)],
+        ) {
+            let mm = Millimetres;
+            let dimension = Dimension {
+                unit: Unit::Mm,
+                nominal: mm(target),
+                low: mm(target - 0.02),
+                high: mm(target + 0.02),
+                target: mm(target),
+                window: (mm(target - 1.0), mm(target + 1.0)),
+                largest_step: mm(1.0),
+                increment: mm(increment),
+                response,
+                ..published()
+            };
+            let gain = response.size_per_register();
+            let made_at_zero = target + off - gain * register;
+            let process = |register: f64| made_at_zero + gain * register;
+            let typed = Entry { unit: Unit::Mm, ..entry(&process(register).to_string()) };
+            let correction = enter(&dimension, &typed, &at(register)).expect("inside the window");
+            let next = process(correction.after);
+            let finest = increment * gain.abs() / 2.0 + 1e-8;
+            prop_assert!((next - target).abs() <= finest, "{next} for {target}");
+            prop_assert!((next - correction.next_part.0).abs() < 1e-8);
+            prop_assert_eq!(correction.request.is_none(), correction.change == 0.0);
+            // A second entry of the new size has nothing left to do, but for a size on the edge between two steps.
+            let again = Entry { unit: Unit::Mm, ..entry(&next.to_string()) };
+            let rest = enter(&dimension, &again, &at(correction.after)).expect("inside the window").change;
+            prop_assert!(rest.abs() <= increment * 1.000001);
+        }
+
+        #[test]
+        fn no_entry_panics(text in ".{0,12}", register in proptest::option::of(proptest::num::f64::ANY), seen in proptest::option::of(proptest::num::f64::ANY)) {
+            let present = Present { register, seen, last_entry: None };
+            if let Ok(correction) = enter(&published(), &entry(&text), &present) {
+                prop_assert!(correction.after.is_finite());
+            }
+        }
+    }
+}

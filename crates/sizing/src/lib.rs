@@ -1,0 +1,24 @@
+//! Measured size in, offset change out.
+//!
+//! A person types what the gauge says, and nothing else. Target, sign, register and the window of believable entries come from the
+//! [`Dimension`]; [`enter`] checks the entry, works out the change and says in words what it will do; the result carries a
+//! `ledger::ChangeRequest`, because this crate changes nothing itself. [`undo`] and [`opposite`] take a change back.
+//!
+//! The law, for a register that counts as the size does (a diameter offset and a diameter): `wear := wear + (target - measured)`, for
+//! outside and inside alike, because the register moves the tip and not the wall; half of it for a register that counts radii; with the
+//! other sign where a larger register makes the size smaller.
+//!
+//! Read on: [`dimension`] for what a job declares, [`entry`] for reading a number as people type it, [`correction`] for checks and law,
+//! [`taking_back`] for undo.
+//!
+//! Not here: trend, several dimensions by their mean, macro text for controls.
+
+pub mod correction;
+pub mod dimension;
+pub mod entry;
+pub mod taking_back;
+
+pub use correction::{Correction, Entry, EntryError, Present, Verdict, enter};
+pub use dimension::{Conflict, Dimension, DimensionError, Response, Role, one_controls_each_register};
+pub use entry::{NotASize, Unit};
+pub use taking_back::{Applied, UndoError, opposite, undo};

@@ -1,0 +1,476 @@
+//! The machine file: `machine.toml`, the one description of a machine for run, controller and server.
+//!
+//! Every quantity has its unit in the key; a key that nobody knows is an error with line and column, because a misspelt limit is a
+//! limit that is not there. What changes while the machine works (offsets, tools) is only begun here: what is in force stands in the
+//! data directory, see [`crate::registers`].
+//!
+//! Two machines are built in, `sim-mill` and `sim-lathe`; their texts are in `store/machines/` and are the examples to copy from.
+//!
+//! Not here yet, because nothing reads them yet: sensors, ports and certificates of links.
+
+use crate::StoreError;
+use plan::Diagnostic;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::Path;
+use toml::Spanned;
+use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Rpm, Seconds, ToolNumber};
+
+/// A machine as its file describes it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MachineFile {
+    /// Its name: in records, in the paths of its registers.
+    pub name: String,
+    /// What it is.
+    pub kind: MachineKind,
+    /// What G-code it reads; `None` when each program shows it by its own look.
+    pub control: Option<Control>,
+    /// Who moves its axes.
+    pub driver: Driver,
+    /// Its axes, by [`Axis::index`]; a lathe may have no Y.
+    pub axes: [Option<AxisFile>; 3],
+    /// Its spindle.
+    pub spindle: SpindleFile,
+    /// How long a tool change takes.
+    pub tool_change: Seconds,
+    /// Tools on the first day.
+    pub tools: BTreeMap<ToolNumber, InitialTool>,
+    /// Work offsets on the first day, mm along X, Y, Z in the machine frame, by name. X in diameters where the axis counts so.
+    pub work_offsets: BTreeMap<String, [f64; 3]>,
+}
+
+/// What kind of machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MachineKind {
+    /// The tool turns.
+    Mill,
+    /// The part turns.
+    Lathe,
+}
+
+/// What a machine's G-code means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Control {
+    /// Fanuc, machining centre.
+    FanucMill,
+    /// Fanuc, lathe, G-code system A.
+    FanucLathe,
+    /// NIST RS274, as LinuxCNC reads it.
+    Rs274,
+}
+
+impl Control {
+    /// The word of `--dialect`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Control::FanucMill => "fanuc-mill",
+            Control::FanucLathe => "fanuc-lathe",
+            Control::Rs274 => "rs274",
+        }
+    }
+}
+
+/// Who moves the axes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Driver {
+    /// The built-in simulator.
+    Sim,
+}
+
+/// One axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisFile {
+    /// Lower end of travel, machine frame; X of a lathe as a radius.
+    pub travel_min: Millimetres,
+    /// Upper end of travel.
+    pub travel_max: Millimetres,
+    /// The end at which its reference is; the position there is 0.
+    pub home: HomeEnd,
+    /// Its largest speed.
+    pub v_max: MmPerSec,
+    /// Its largest acceleration.
+    pub a_max: MmPerSec2,
+    /// Its largest jerk.
+    pub j_max: MmPerSec3,
+    /// Encoder pulses in a millimetre.
+    pub pulses_per_mm: f64,
+    /// True when program text and offsets of this axis count diameters.
+    pub diameter: bool,
+}
+
+/// An end of travel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HomeEnd {
+    /// The lower one.
+    Min,
+    /// The upper one.
+    Max,
+}
+
+/// The spindle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpindleFile {
+    /// Its largest speed.
+    pub max: Rpm,
+    /// How fast it gets there, rev/min each second.
+    pub acceleration_rpm_s: f64,
+}
+
+/// A tool on the first day.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InitialTool {
+    /// Words for people.
+    pub name: String,
+    /// Cutting diameter.
+    pub diameter: Option<Millimetres>,
+    /// From tip to gauge point along X, Y, Z, mm. X in diameters where the axis counts so.
+    pub geometry: [f64; 3],
+}
+
+/// The machines that need no file: their names and texts.
+pub const BUILT_IN: &[(&str, &str)] = &[
+    ("sim-mill", include_str!("../machines/sim-mill.toml")),
+    ("sim-lathe", include_str!("../machines/sim-lathe.toml")),
+];
+
+impl MachineFile {
+    /// The built-in machine of a kind: what `--machine sim` gives.
+    pub fn simulated(kind: MachineKind) -> MachineFile {
+        let (name, text) = BUILT_IN[match kind {
+            MachineKind::Mill => 0,
+            MachineKind::Lathe => 1,
+        }];
+        Self::parse(text, name).expect("the built-in machines are read in a test")
+    }
+
+    /// A machine by what `--machine` says: the name of a built-in one, or a path.
+    ///
+    /// # Errors
+    /// As [`MachineFile::open`].
+    pub fn find(name: &str) -> Result<MachineFile, StoreError> {
+        match BUILT_IN.iter().find(|(built_in, _)| *built_in == name) {
+            Some((name, text)) => Self::parse(text, name),
+            None => Self::open(Path::new(name)),
+        }
+    }
+
+    /// Reads a machine file.
+    ///
+    /// # Errors
+    /// It cannot be read, is no UTF-8, or [`MachineFile::parse`] refuses it.
+    pub fn open(path: &Path) -> Result<MachineFile, StoreError> {
+        let text = std::fs::read_to_string(path).map_err(StoreError::io("read", path))?;
+        Self::parse(&text, &path.display().to_string())
+    }
+
+    /// Reads the text of a machine file; `file` is its name in messages.
+    ///
+    /// # Errors
+    /// With line and column: the text is no TOML, a key is unknown, missing or of the wrong type, or a value cannot be.
+    pub fn parse(text: &str, file: &str) -> Result<MachineFile, StoreError> {
+        let refuse = |at: Option<usize>, message: &str| {
+            let mut found = Diagnostic::error("machine-file", message.trim().replace('\n', ", ")).in_file(file);
+            if let Some(at) = at {
+                let (line, column) = place(text, at);
+                found = found.at_line(line, column);
+            }
+            StoreError::MachineFile(Box::new(found))
+        };
+        let read: Text = toml::from_str(text).map_err(|e| refuse(e.span().map(|s| s.start), e.message()))?;
+        read.checked().map_err(|(at, message)| refuse(Some(at), &message))
+    }
+
+    /// An axis; `None` when the machine has none of that name.
+    pub fn axis(&self, axis: Axis) -> Option<&AxisFile> {
+        self.axes[axis.index()].as_ref()
+    }
+
+    /// True when offsets of this axis count diameters.
+    pub fn counts_diameters(&self, axis: Axis) -> bool {
+        self.axis(axis).is_some_and(|a| a.diameter)
+    }
+}
+
+/// Line and column, from 1, in characters.
+fn place(text: &str, at: usize) -> (u32, u32) {
+    let before = text.get(..at).unwrap_or(text);
+    let line = before.matches('\n').count() + 1;
+    let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+    (line as u32, column as u32)
+}
+
+// -- the text, as serde reads it
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Text {
+    name: Spanned<String>,
+    kind: Spanned<MachineKind>,
+    control: Option<Control>,
+    driver: Driver,
+    tool_change_s: NotNegative,
+    axes: AxesText,
+    spindle: SpindleText,
+    #[serde(default)]
+    work_offsets: BTreeMap<Spanned<String>, OffsetText>,
+    #[serde(default)]
+    tools: Vec<ToolText>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AxesText {
+    x: Spanned<AxisText>,
+    y: Option<Spanned<AxisText>>,
+    z: Spanned<AxisText>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AxisText {
+    travel_min_mm: Finite,
+    travel_max_mm: Finite,
+    home: HomeEnd,
+    v_max_mm_s: Positive,
+    a_max_mm_s2: Positive,
+    j_max_mm_s3: Positive,
+    pulses_per_mm: Positive,
+    #[serde(default)]
+    diameter: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SpindleText {
+    max_rpm: Positive,
+    acceleration_rpm_s: Positive,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct OffsetText {
+    x_mm: Finite,
+    #[serde(default)]
+    y_mm: Finite,
+    z_mm: Finite,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ToolText {
+    number: Spanned<u32>,
+    #[serde(default)]
+    name: String,
+    diameter_mm: Option<Positive>,
+    #[serde(default)]
+    geometry_x_mm: Finite,
+    #[serde(default)]
+    geometry_y_mm: Finite,
+    #[serde(default)]
+    geometry_z_mm: Finite,
+}
+
+macro_rules! checked_number {
+    ($(#[$doc:meta])* $name:ident, $is:expr, $message:literal) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Default, Deserialize)]
+        #[serde(try_from = "f64")]
+        struct $name(f64);
+        impl TryFrom<f64> for $name {
+            type Error = String;
+            fn try_from(number: f64) -> Result<Self, String> {
+                let is: fn(f64) -> bool = $is;
+                if is(number) { Ok($name(number)) } else { Err(format!("{number} cannot be: {}", $message)) }
+            }
+        }
+    };
+}
+checked_number!(/// TOML knows `nan` and `inf`.
+    Finite, f64::is_finite, "a finite number is needed");
+checked_number!(/// A limit of 0 would be a machine that cannot move.
+    Positive, |n| n.is_finite() && n > 0.0, "a finite number above 0 is needed");
+checked_number!(/// A duration.
+    NotNegative, |n| n.is_finite() && n >= 0.0, "a finite number, 0 or more, is needed");
+
+/// A refusal and where in the text.
+type Refusal = (usize, String);
+
+impl Text {
+    fn checked(self) -> Result<MachineFile, Refusal> {
+        let name_at = self.name.span().start;
+        let name = self.name.into_inner();
+        if name.is_empty() || name.chars().any(|c| c == '/' || c.is_control()) {
+            return Err((
+                name_at,
+                format!("the name {name:?} must have letters, and no `/`: it is part of register paths"),
+            ));
+        }
+        let kind = *self.kind.get_ref();
+        if kind == MachineKind::Mill && self.axes.y.is_none() {
+            return Err((self.kind.span().start, "a mill needs [axes.y]".to_owned()));
+        }
+        let mut tools = BTreeMap::new();
+        for tool in self.tools {
+            let number = *tool.number.get_ref();
+            if number == 0 {
+                return Err((
+                    tool.number.span().start,
+                    "tool 0 is the empty spindle; number tools from 1".to_owned(),
+                ));
+            }
+            let entry = InitialTool {
+                name: tool.name,
+                diameter: tool.diameter_mm.map(|d| Millimetres(d.0)),
+                geometry: [tool.geometry_x_mm.0, tool.geometry_y_mm.0, tool.geometry_z_mm.0],
+            };
+            if tools.insert(ToolNumber(number), entry).is_some() {
+                return Err((tool.number.span().start, format!("tool {number} is there already")));
+            }
+        }
+        let mut work_offsets = BTreeMap::new();
+        for (name, offset) in self.work_offsets {
+            if name.get_ref().is_empty() {
+                return Err((name.span().start, "a work offset needs a name: G54".to_owned()));
+            }
+            work_offsets.insert(name.into_inner(), [offset.x_mm.0, offset.y_mm.0, offset.z_mm.0]);
+        }
+        Ok(MachineFile {
+            name,
+            kind,
+            control: self.control,
+            driver: self.driver,
+            axes: [
+                Some(checked_axis(Axis::X, self.axes.x)?),
+                self.axes.y.map(|y| checked_axis(Axis::Y, y)).transpose()?,
+                Some(checked_axis(Axis::Z, self.axes.z)?),
+            ],
+            spindle: SpindleFile {
+                max: Rpm(self.spindle.max_rpm.0),
+                acceleration_rpm_s: self.spindle.acceleration_rpm_s.0,
+            },
+            tool_change: Seconds(self.tool_change_s.0),
+            tools,
+            work_offsets,
+        })
+    }
+}
+
+fn checked_axis(axis: Axis, text: Spanned<AxisText>) -> Result<AxisFile, Refusal> {
+    let at = text.span().start;
+    let text = text.into_inner();
+    let (low, high) = (text.travel_min_mm.0, text.travel_max_mm.0);
+    if low >= high {
+        return Err((
+            at,
+            format!("axis {axis}: travel_min_mm {low} must be below travel_max_mm {high}"),
+        ));
+    }
+    if low > 0.0 || high < 0.0 {
+        return Err((
+            at,
+            format!("axis {axis}: travel {low} to {high} mm does not reach 0, which is home"),
+        ));
+    }
+    if text.diameter && axis != Axis::X {
+        return Err((at, format!("axis {axis} cannot count diameters, only X can")));
+    }
+    Ok(AxisFile {
+        travel_min: Millimetres(low),
+        travel_max: Millimetres(high),
+        home: text.home,
+        v_max: MmPerSec(text.v_max_mm_s.0),
+        a_max: MmPerSec2(text.a_max_mm_s2.0),
+        j_max: MmPerSec3(text.j_max_mm_s3.0),
+        pulses_per_mm: text.pulses_per_mm.0,
+        diameter: text.diameter,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_built_in_machines_are_what_the_references_say() {
+        let mill = MachineFile::simulated(MachineKind::Mill);
+        let x = mill.axis(Axis::X).expect("a mill has X");
+        assert_eq!(
+            (x.v_max, x.a_max, x.j_max),
+            (MmPerSec(500.0), MmPerSec2(3000.0), MmPerSec3(50_000.0))
+        );
+        assert_eq!(
+            (mill.name.as_str(), mill.kind, mill.control),
+            ("sim-mill", MachineKind::Mill, None)
+        );
+        let lathe = MachineFile::simulated(MachineKind::Lathe);
+        assert_eq!((lathe.kind, lathe.control), (MachineKind::Lathe, Some(Control::FanucLathe)));
+        assert!(lathe.axis(Axis::Y).is_none() && lathe.counts_diameters(Axis::X) && !lathe.counts_diameters(Axis::Z));
+        for (name, _) in BUILT_IN {
+            assert_eq!(MachineFile::find(name).expect("built in").name, *name);
+        }
+    }
+
+    #[track_caller]
+    fn check_refused(change: (&str, &str), expected: &str) {
+        let text = BUILT_IN[0].1.replacen(change.0, change.1, 1);
+        assert_ne!(text, BUILT_IN[0].1, "{change:?} changes nothing");
+        let refused = MachineFile::parse(&text, "m.toml").expect_err(expected).to_string();
+        assert!(refused.starts_with(&format!("error: m.toml:{expected}")), "{refused}");
+    }
+
+    #[test]
+    fn what_cannot_be_is_refused_with_line_and_column() {
+        check_refused(
+            ("v_max_mm_s = 500.0", "v_max = 500.0"),
+            "13:1: unknown field `v_max`, expected one of `travel_min_mm`",
+        );
+        check_refused(
+            ("v_max_mm_s = 500.0", "v_max_mm_s = 0"),
+            "13:14: 0 cannot be: a finite number above 0",
+        );
+        check_refused(("v_max_mm_s = 500.0", "v_max_mm_s = nan"), "13:14: NaN cannot be");
+        check_refused(
+            ("v_max_mm_s = 500.0", "v_max_mm_s = \"fast\""),
+            "13:14: invalid type: string \"fast\", expected f64",
+        );
+        check_refused(("v_max_mm_s = 500.0", ""), "9:1: missing field `v_max_mm_s`");
+        check_refused(
+            ("kind = \"mill\"", "kind = \"saw\""),
+            "3:8: unknown variant `saw`, expected `mill` or `lathe`",
+        );
+        check_refused(("kind = \"mill\"", "kind = mill"), "3:8: ");
+        check_refused(
+            ("travel_max_mm = 0.0", "travel_max_mm = -1000.0"),
+            "9:1: axis X: travel_min_mm -1000 must be below",
+        );
+        check_refused(
+            ("travel_max_mm = 0.0", "travel_max_mm = -10.0"),
+            "9:1: axis X: travel -1000 to -10 mm does not reach 0",
+        );
+        check_refused(("[axes.y]", "[axes.w]"), "18:7: unknown field `w`");
+        check_refused(("number = 2", "number = 1"), "54:10: tool 1 is there already");
+        check_refused(("name = \"sim-mill\"", "name = \"a/b\""), "2:8: the name \"a/b\"");
+        check_refused(
+            ("driver = \"sim\"", "driver = \"magic\""),
+            "4:10: unknown variant `magic`, expected `sim`",
+        );
+    }
+
+    proptest::proptest! {
+        /// Whatever a slip of the editor does to a good file: read, or refused with a place; never a panic.
+        #[test]
+        fn a_damaged_file_is_read_or_refused(at in 0.0..1.0_f64, length in 0usize..40, put in ".{0,6}") {
+            let text = BUILT_IN[1].1;
+            let from = (at * text.len() as f64) as usize;
+            let to = (from + length).min(text.len());
+            let damaged = format!("{}{put}{}", &text[..from], &text[to..]);
+            if let Err(refused) = MachineFile::parse(&damaged, "m.toml") {
+                proptest::prop_assert!(refused.to_string().starts_with("error: m.toml:"), "{refused}");
+            }
+        }
+    }
+}
