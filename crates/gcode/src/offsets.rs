@@ -405,7 +405,9 @@ impl Interpreter {
         } else if self.d == 0 {
             0.0
         } else if let Some(entry) = entry {
-            entry.diameter.map_or(0.0, |d| d.0 / 2.0) + entry.radius_wear.0
+            // The D register is the operator's: a tool's own diameter says nothing about whether the program was written for the
+            // contour or for the centre of the tool, so it is not taken for the register.
+            entry.radius_wear.0
         } else {
             self.missing(
                 "missing-tool-radius",

@@ -11,4 +11,4 @@ mod change;
 mod event;
 
 pub use change::{Change, ChangeError, ChangeRequest, Registers, change};
-pub use event::{Broken, Chain, Event, Hash, verify};
+pub use event::{Broken, Chain, Event, Hash, Hashing, verify};

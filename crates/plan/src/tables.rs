@@ -39,7 +39,8 @@ pub struct ToolEntry {
     pub wear: Offset,
     /// Cutting diameter.
     pub diameter: Option<Millimetres>,
-    /// Correction of the radius (D wear).
+    /// The D register: by how much G41 and G42 move the tool's centre off the programmed path. It is the operator's own entry and says
+    /// nothing about the tool: 0 when the program is written for the centre.
     pub radius_wear: Millimetres,
 }
 

@@ -776,9 +776,12 @@ impl<'s> Walker<'s> {
             }
             (Some(table), _, _) => (table, None),
             (None, Some(in_file), _) => (in_file, None),
+            // A part without a place is assumed to be clamped where G54 says, as a machinist would; without one, at home.
             (None, None, Missing::Assume) => {
-                let fault = remark(format!("{no_origin}: the machine's origin is assumed"), no_origin_remedy);
-                (Transform::IDENTITY, Some((Severity::Warning, fault)))
+                let clamped = self.options.tables.work_offsets.get("G54").copied();
+                let assumed = if clamped.is_some() { "G54 of the machine" } else { "the machine's origin" };
+                let fault = remark(format!("{no_origin}: {assumed} is assumed"), no_origin_remedy);
+                (clamped.unwrap_or(Transform::IDENTITY), Some((Severity::Warning, fault)))
             }
             (None, None, Missing::Fail) => {
                 return Err(remark(
