@@ -87,6 +87,10 @@ pub(crate) struct Flat {
     pub(crate) toolpaths: Vec<Range<usize>>,
     levels: Vec<Vec<Bounds>>,
     acceleration: f64,
+    /// Dwells: the chord before which they stand, and how long they are.
+    waits: Vec<(usize, f64)>,
+    /// The highest speed of each chord, as planned.
+    limits: Vec<f64>,
 }
 
 impl Flat {
@@ -142,22 +146,33 @@ impl Flat {
             chords,
             toolpaths,
             acceleration: acceleration.max(1.0),
+            waits,
+            limits: Vec::new(),
         };
-        flat.time_it(&waits);
+        flat.limits = flat.chords.iter().map(|c| c.speeds[2]).collect();
+        flat.time_it();
         flat.levels = flat.boxes();
         flat
     }
 
+    /// Times the chain anew, for another acceleration, mm/s^2.
+    pub(crate) fn retime(&mut self, acceleration: f64) {
+        self.acceleration = acceleration.max(1.0);
+        self.time_it();
+    }
+
     /// Constant-acceleration motion over the chain: speeds at the joints by a backward and a forward pass, then times.
-    fn time_it(&mut self, waits: &[(usize, f64)]) {
+    fn time_it(&mut self) {
+        for (chord, limit) in self.chords.iter_mut().zip(&self.limits) {
+            chord.speeds = [0.0, 0.0, *limit];
+        }
         let n = self.chords.len();
         if n == 0 {
             return;
         }
         let mut joint = vec![0.0; n + 1];
-        let mut wait = waits.iter().peekable();
         let mut pause = vec![0.0; n + 1];
-        while let Some((at, time)) = wait.next() {
+        for (at, time) in &self.waits {
             pause[*at] += time;
         }
         for k in 1..n {

@@ -30,9 +30,13 @@ impl Label {
 }
 
 /// Labels for a record without steps.
-pub(crate) fn by_position(plan: &PlannedProgram, flat: &Flat, spots: &[Spot], noise: f64) -> Vec<Label> {
+pub(crate) fn by_position(plan: &PlannedProgram, flat: &mut Flat, spots: &[Spot], noise: f64, acceleration: f64) -> Vec<Label> {
     let radius = (flat.diagonal() * 0.05).clamp(1.0, 20.0);
-    let hits = align(flat, spots, radius).hits;
+    let mut hits = align(flat, spots, radius).hits;
+    if refine_acceleration(flat, spots, &hits, acceleration) {
+        hits = align(flat, spots, radius).hits;
+    }
+    let flat = &*flat;
     let mut labels: Vec<Label> = hits
         .iter()
         .map(|hit| hit.map_or(Label::Nowhere, |h| Label::On(flat.chords[h.chord as usize].toolpath as usize)))
@@ -40,6 +44,42 @@ pub(crate) fn by_position(plan: &PlannedProgram, flat: &Flat, spots: &[Spot], no
     loose_rapids(plan, flat, spots, &hits, &mut labels);
     borders(plan, flat, spots, &hits, noise, &mut labels);
     labels
+}
+
+/// Times the plan with the acceleration that fits the record's own rapids best; true when it is another one than before.
+///
+/// Rapids are where it matters, and a first alignment knows nearly all of them.
+fn refine_acceleration(flat: &mut Flat, spots: &[Spot], hits: &[Option<Hit>], acceleration: f64) -> bool {
+    const FACTORS: [f64; 9] = [1.0, 0.71, 1.41, 0.5, 2.0, 0.35, 2.83, 0.25, 4.0];
+    // Ways with a rapid in them, from sample to sample.
+    let ways: Vec<(Hit, Hit, f64)> = hits
+        .windows(2)
+        .zip(spots.windows(2))
+        .filter_map(|(h, s)| {
+            let (from, to) = (h[0]?, h[1]?);
+            let rapid = flat.chords[from.chord as usize].rapid || flat.chords[to.chord as usize].rapid;
+            (rapid && from.chord <= to.chord && flat.place(&from) != flat.place(&to)).then_some((from, to, s[1].time - s[0].time))
+        })
+        .take(4000)
+        .collect();
+    if ways.len() < 20 || flat.chords.len() > 300_000 {
+        return false;
+    }
+    let mut best = (f64::INFINITY, 1.0);
+    for factor in FACTORS {
+        flat.retime(acceleration * factor);
+        let mut off: Vec<f64> = ways
+            .iter()
+            .map(|(from, to, real)| (flat.time_at(to) - flat.time_at(from) - real).abs())
+            .collect();
+        // The half that fits best: stops and tool changes take their own time.
+        let score = quantile(&mut off, 0.5);
+        if score < best.0 * 0.95 {
+            best = (score, factor);
+        }
+    }
+    flat.retime(acceleration * best.1);
+    best.1 != 1.0
 }
 
 /// The noise of positions, per axis, as the record shows it: second differences of an even motion are nothing but noise.
@@ -61,9 +101,7 @@ pub(crate) fn noise_of(spots: &[Spot]) -> f64 {
         }
     }
     // Half of the samples are quieter; for normal noise the median of |x| is 0.67 sigma, and the difference above has 1.22 sigma.
-    let median = quantile(&mut seconds, 0.5) / (0.6745 * 1.2247);
-    // Curved paths bend between samples: that is not noise.
-    median.min(0.01)
+    quantile(&mut seconds, 0.5) / (0.6745 * 1.2247)
 }
 
 /// Samples off the plan between two places of it, where the plan moves at rapid: machines do not run rapids along the straight line
@@ -120,7 +158,8 @@ struct Border {
     after: usize,
     /// The dwell that stands there.
     dwell: Option<usize>,
-    place: V3,
+    /// Where the one ends and where the other begins: not the same when a tool or set-up change lies between.
+    places: [V3; 2],
     /// Nominal times of leaving the one and beginning the other.
     leave: f64,
     begin: f64,
@@ -149,7 +188,7 @@ fn borders_of(plan: &PlannedProgram, flat: &Flat) -> Vec<Border> {
                 before,
                 after: toolpath,
                 dwell,
-                place: first.from,
+                places: [flat.place(&end), first.from],
                 leave: flat.time_at(&end),
                 begin: first.time,
             });
@@ -165,7 +204,8 @@ fn borders(plan: &PlannedProgram, flat: &Flat, spots: &[Spot], hits: &[Option<Hi
     if all.is_empty() {
         return;
     }
-    let near = (4.0 * noise + 0.002).min(0.05);
+    // Curved paths bend between samples: that is not noise.
+    let near = 4.0 * noise.min(0.01) + 0.002;
     // The border that a sample lies at, if any.
     let at_border = |k: usize| -> Option<usize> {
         let hit = hits[k]?;
@@ -177,7 +217,7 @@ fn borders(plan: &PlannedProgram, flat: &Flat, spots: &[Spot], hits: &[Option<Hi
             .filter(|b| {
                 *b < all.len()
                     && (all[*b].s - s).abs() <= near + hit.distance
-                    && distance(all[*b].place, flat.place(&hit)) <= near
+                    && all[*b].places.iter().any(|p| distance(*p, flat.place(&hit)) <= near)
             })
             .min_by(|a, b| (all[*a].s - s).abs().total_cmp(&(all[*b].s - s).abs()))
     };
@@ -197,22 +237,40 @@ fn borders(plan: &PlannedProgram, flat: &Flat, spots: &[Spot], hits: &[Option<Hi
         let arrival = begin.checked_sub(1).and_then(|b| {
             let hit = hits[b]?;
             let time = flat.time_at(&hit);
-            (time <= border.leave).then(|| spots[b].time + pace(flat, spots, hits, b, false) * (border.leave - time))
+            (time <= border.leave).then(|| spots[b].time + pace(flat, spots, hits, b.wrapping_sub(1)) * (border.leave - time))
         });
         let departure = hits.get(k).copied().flatten().and_then(|hit| {
             let time = flat.time_at(&hit);
-            (time >= border.begin).then(|| spots[k].time - (time - border.begin))
+            (time >= border.begin).then(|| spots[k].time - pace(flat, spots, hits, k) * (time - border.begin))
         });
         let (first, last) = (spots[begin].time, spots[k - 1].time);
         let arrival = arrival.unwrap_or(first);
         let departure = departure.unwrap_or(last);
+        // A feed is even, so its side of the border is known well; a rapid's side hangs on an acceleration that nobody said.
+        let feed = |toolpath: usize| plan.toolpaths[toolpath].kind == PathKind::Feed;
+        let (feed_before, feed_after) = (feed(border.before), feed(border.after));
+        let passed = match (feed_before, feed_after) {
+            (true, false) => arrival,
+            (false, true) => departure,
+            _ => (arrival + departure) / 2.0,
+        };
+        let from_border = |i: usize| hits[i].map_or(0.0, |hit| flat.s_at(&hit) - border.s);
         for i in cluster {
             let time = spots[i].time;
-            labels[i] = if let Some(dwell) = border.dwell.filter(|_| time >= arrival - 1e-9 && time <= departure + 1e-9) {
+            // Within the noise of the border the machine is for a few milliseconds only, unless it stands there.
+            let stands = border.dwell.is_some() || departure - arrival > STAND;
+            // The first sample may still be coming and the last one going: then it is further off than noise makes likely.
+            let coming = (feed_before && time < arrival) || (i == begin && from_border(i) < -2.5 * noise);
+            let going = (feed_after && time > departure) || (i + 1 == k && from_border(i) > 2.5 * noise);
+            labels[i] = if stands && coming {
+                Label::On(border.before)
+            } else if stands && going {
+                Label::On(border.after)
+            } else if let Some(dwell) = border.dwell {
                 Label::On(dwell)
-            } else if departure - arrival > STAND && time > arrival + STAND / 2.0 && time < departure - STAND / 2.0 {
+            } else if stands {
                 Label::Between
-            } else if time - arrival < departure - time {
+            } else if time < passed {
                 Label::On(border.before)
             } else {
                 Label::On(border.after)
@@ -224,17 +282,16 @@ fn borders(plan: &PlannedProgram, flat: &Flat, spots: &[Spot], hits: &[Option<Hi
 /// A stop at a border that lasts longer is a stop of its own (a tool change, a spindle start), not the corner between two moves, s.
 const STAND: f64 = 0.05;
 
-/// Real over nominal time just before (or after) a sample, from its own neighbours; 1 when they tell nothing.
-fn pace(flat: &Flat, spots: &[Spot], hits: &[Option<Hit>], k: usize, after: bool) -> f64 {
-    let (a, b) = if after { (k, k + 1) } else { (k.wrapping_sub(1), k) };
-    let (Some(Some(from)), Some(Some(to))) = (hits.get(a), hits.get(b)) else {
+/// Real over nominal time between sample `k` and the next, when both are on one toolpath; 1 when they tell nothing.
+fn pace(flat: &Flat, spots: &[Spot], hits: &[Option<Hit>], k: usize) -> f64 {
+    let (Some(Some(from)), Some(Some(to))) = (hits.get(k), hits.get(k.wrapping_add(1))) else {
         return 1.0;
     };
     if flat.chords[from.chord as usize].toolpath != flat.chords[to.chord as usize].toolpath {
         return 1.0;
     }
     let nominal = flat.time_at(to) - flat.time_at(from);
-    let real = spots[b].time - spots[a].time;
+    let real = spots[k + 1].time - spots[k].time;
     if nominal > 0.0 && real > 0.0 {
         (real / nominal).clamp(0.3, 3.0)
     } else {

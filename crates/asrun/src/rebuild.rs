@@ -92,8 +92,8 @@ fn with_plan(plan: &PlannedProgram, record: &Recording, options: &Options) -> Re
     let labels = if by_step {
         by_steps(plan, &points)
     } else {
-        let flat = Flat::new(plan, fitted.space, options.acceleration.0);
-        by_position(plan, &flat, &spots, noise)
+        let mut flat = Flat::new(plan, fitted.space, options.acceleration.0);
+        by_position(plan, &mut flat, &spots, noise, options.acceleration.0)
     };
     let offsets = Offsets::new(plan, &record.events, &points, &labels);
     let samples: Vec<Sample> = points

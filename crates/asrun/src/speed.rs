@@ -39,8 +39,12 @@ pub(crate) struct SpeedSplit {
 const AGREE: usize = 3;
 /// Speeds agree within this ratio.
 const ALIKE: f64 = 1.15;
-/// Slower than the fastest held feed by this ratio is standing.
-const STANDING: f64 = 50.0;
+/// Positions within this many times their noise of each other are one place.
+const SWAY: f64 = 6.0;
+/// Two classes need this much of the spread of speeds between them: a single bell has 0.64 in its two halves.
+const TWO_CLASSES: f64 = 0.6;
+/// The slower class must be held for this share of the time: corners are slow too, but no feed.
+const HELD: f64 = 0.05;
 
 /// One interval: its speed and how far it goes.
 #[derive(Clone, Copy)]
@@ -64,31 +68,42 @@ pub(crate) fn split(spots: &[Spot]) -> SpeedSplit {
         .collect();
     // A pause in the record says nothing about speed.
     let known = |p: &Pace| p.speed > 0.0 && p.time <= 20.0 * usual;
-    let mut moving: Vec<(f64, f64)> = paces.iter().filter(|p| known(p)).map(|p| (log(p.speed), p.way)).collect();
+    // On a ramp a speed is only passed through: it says what the acceleration is, not what was asked for.
+    let on_ramp = |k: usize| {
+        k > 0 && k + 1 < paces.len() && {
+            let (a, b, c) = (paces[k - 1].speed, paces[k].speed, paces[k + 1].speed);
+            (a * ALIKE < b && b * ALIKE < c) || (c * ALIKE < b && b * ALIKE < a)
+        }
+    };
+    let mut moving: Vec<(f64, f64)> = (0..paces.len())
+        .filter(|k| known(&paces[*k]) && !on_ramp(*k))
+        .map(|k| (log(paces[k].speed), paces[k].way))
+        .collect();
     moving.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let Some((mut cut, mut separation)) = otsu(&moving).filter(|(cut, separation)| {
-        // No more apart than an even spread of speeds, or by less than a factor of two: one class.
-        *separation > 0.75 && mean(&moving[*cut..]) - mean(&moving[..*cut]) > log(2.0)
-    }) else {
+    let whole = otsu(&moving);
+    let (low, high) = whole.map_or((0.0, 0.0), |(cut, _)| (mean(&moving[..cut]), mean(&moving[cut..])));
+    let one_class = |separation: f64| {
         let feed = moving.last().map_or(0.0, |m| exp(m.0));
-        let kinds = paces
+        let standing = standing(spots, feed * usual);
+        let kinds = standing
             .iter()
-            .map(|p| {
-                if p.speed * STANDING < feed {
-                    PathKind::Dwell
-                } else {
-                    PathKind::Feed
-                }
-            })
+            .map(|s| if *s { PathKind::Dwell } else { PathKind::Feed })
             .collect();
-        let separation = otsu(&moving).map_or(0.0, |o| o.1);
-        return SpeedSplit {
+        SpeedSplit {
             kinds,
             threshold: None,
             separation,
             feed,
-        };
+        }
     };
+    let Some((mut cut, mut separation)) = whole else {
+        return one_class(0.0);
+    };
+    let border = (moving[cut - 1].0 + moving[cut].0) / 2.0;
+    let time_held = held(&paces, exp(border)).len() as f64 / paces.len() as f64;
+    if separation < TWO_CLASSES || high - low < log(2.0) || time_held < HELD {
+        return one_class(separation);
+    }
     while let Some((higher, clear)) = otsu(&moving[cut..]) {
         let (low, high) = moving[cut..].split_at(higher);
         if clear < 0.9 || mean(high) - mean(low) < log(4.0) {
@@ -99,10 +114,16 @@ pub(crate) fn split(spots: &[Spot]) -> SpeedSplit {
     }
     let (low, high) = (mean(&moving[..cut]), mean(&moving[cut..]));
     let border = (moving[cut - 1].0 + moving[cut].0) / 2.0;
-    let feed = held_feed(&paces, exp(border)).unwrap_or(exp(low));
+    let mut held = held(&paces, exp(border));
+    // The fastest 2 % may be chance.
+    let feed = if held.is_empty() {
+        exp(low)
+    } else {
+        quantile(&mut held, 0.98)
+    };
     let threshold = exp(emptiest(&moving, log(feed), high));
     SpeedSplit {
-        kinds: label(&paces, threshold, feed, usual),
+        kinds: label(&paces, &standing(spots, feed * usual), threshold, feed, usual),
         threshold: Some(threshold),
         separation,
         feed,
@@ -155,14 +176,33 @@ fn explained(values: &[(f64, f64)], cut: usize) -> f64 {
     }
 }
 
-/// The fastest speed below `border` at which three intervals in a row agree, leaving out the fastest 2 % as chance.
-fn held_feed(paces: &[Pace], border: f64) -> Option<f64> {
-    let mut held: Vec<f64> = paces
+/// The speeds below `border` at which three intervals in a row agree.
+fn held(paces: &[Pace], border: f64) -> Vec<f64> {
+    paces
         .windows(3)
         .filter(|w| w.iter().all(|p| p.speed > 0.0 && p.speed <= border) && agree(w))
         .map(|w| w[1].speed)
-        .collect();
-    (!held.is_empty()).then(|| quantile(&mut held, 0.98))
+        .collect()
+}
+
+/// Intervals in which the machine stands: at least [`AGREE`] in a row that stay within the noise of one place. `step` is the way from
+/// sample to sample at the fastest feed: a slower feed must still get away.
+fn standing(spots: &[Spot], step: f64) -> Vec<bool> {
+    let radius = (SWAY * noise_of(spots)).min(step / 4.0);
+    let mut standing = vec![false; spots.len().saturating_sub(1)];
+    let mut k = 0;
+    while k < standing.len() {
+        let begin = k;
+        while k < standing.len() && distance(spots[begin].place, spots[k + 1].place) <= radius {
+            k += 1;
+        }
+        if k - begin >= AGREE {
+            standing[begin..k].fill(true);
+        } else {
+            k = begin + 1;
+        }
+    }
+    standing
 }
 
 fn agree(paces: &[Pace]) -> bool {
@@ -210,7 +250,7 @@ fn emptiest(values: &[(f64, f64)], low: f64, high: f64) -> f64 {
     }
 }
 
-fn label(paces: &[Pace], threshold: f64, feed: f64, usual: f64) -> Vec<PathKind> {
+fn label(paces: &[Pace], standing: &[bool], threshold: f64, feed: f64, usual: f64) -> Vec<PathKind> {
     let low = (threshold * feed.min(threshold)).sqrt();
     let mut rapid: Vec<bool> = paces.iter().map(|p| p.speed > threshold).collect();
     for k in 1..rapid.len() {
@@ -219,7 +259,6 @@ fn label(paces: &[Pace], threshold: f64, feed: f64, usual: f64) -> Vec<PathKind>
     for k in (1..rapid.len()).rev() {
         rapid[k - 1] |= rapid[k] && paces[k - 1].speed > low;
     }
-    let standing: Vec<bool> = paces.iter().map(|p| p.speed * STANDING < feed).collect();
     // How quickly this machine gets from standing to the threshold, by its own ramps: the stop between two rapids lasts twice that.
     let mut ramps: Vec<f64> = Vec::new();
     for k in 1..rapid.len() {

@@ -26,7 +26,7 @@ fn f1(milliseconds: f64, frame: RecordFrame, seeds: u64, ratio: f64) -> (Score, 
         for (k, (point, at)) in record.points.iter().zip(&from).enumerate() {
             let said = kinds.get(&point.at.0).copied();
             let real = truth[*at].kind;
-            if std::env::var("SHOW").is_ok() && (said == Some(PathKind::Feed)) != (real == Some(PathKind::Feed)) {
+            if std::env::var("SHOW").is_ok() && said != real {
                 println!(
                     "seed {seed} sample {k} at {at}: truth {real:?} {:?} said {said:?} {:?}",
                     truth[*at].step, point.position

@@ -789,13 +789,10 @@ impl Interpreter {
     pub(crate) fn comment_line(&mut self, block: &Block, site: Site<'_>) {
         const MOST: usize = 8;
         let Some((start, end)) = block.comment else { return };
-        let bytes = &site.text[start..end];
-        if self.profile.message_comments
-            && let Some(text) = bytes.get(4..).filter(|_| bytes[..4].eq_ignore_ascii_case(b"MSG,"))
-        {
-            self.emit(StepKind::Message(characters(text).trim().to_owned()));
+        if self.show_message(block, site) {
             return;
         }
+        let bytes = &site.text[start..end];
         if self.comments_closed {
             self.comments.clear();
             self.comments_closed = false;
@@ -807,6 +804,19 @@ impl Interpreter {
                 self.comments.push(text.to_owned());
             }
         }
+    }
+
+    /// Tells the operator what a `(MSG,...)` comment says; false when the block has none.
+    pub(crate) fn show_message(&mut self, block: &Block, site: Site<'_>) -> bool {
+        let Some((start, end)) = block.comment.filter(|_| self.profile.message_comments) else {
+            return false;
+        };
+        let bytes = &site.text[start..end];
+        let is_message = bytes.get(..4).is_some_and(|b| b.eq_ignore_ascii_case(b"MSG,"));
+        if is_message {
+            self.emit(StepKind::Message(characters(&bytes[4..]).trim().to_owned()));
+        }
+        is_message
     }
 
     /// A line that is no comment was met: the next comment line begins a new run.
@@ -866,7 +876,7 @@ impl Interpreter {
 
     fn once(&mut self, once: Once, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
         match once {
-            Once::Dwell => self.dwell(at, block),
+            Once::Dwell => self.dwell(at, block, site),
             Once::SetOffset => self.set_offset(at, block, site),
             Once::Home => self.home(at, [0.0; 3], block, site),
             Once::SecondReference => self.second_reference(at, block, site),
@@ -881,8 +891,19 @@ impl Interpreter {
         }
     }
 
-    fn dwell(&mut self, at: usize, block: &mut Block) -> Outcome<()> {
+    fn dwell(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
         let seconds = if let Some(p) = block.take(b'P') {
+            if p.has_point && !self.profile.dwell_point_too {
+                self.note(Severity::Warning, "dwell-point", site, p.at, || {
+                    (
+                        format!(
+                            "P with a point is read as {} seconds; some controls read milliseconds or alarm",
+                            p.value
+                        ),
+                        "write P without a point for milliseconds".to_owned(),
+                    )
+                });
+            }
             p.value * self.dwell_factor(p)
         } else if let Some(x) = block.take(b'X').or_else(|| block.take(b'U')) {
             x.value

@@ -1,7 +1,7 @@
 //! G-code of mills and lathes, with Custom Macro B: text in, the one program stream out.
 //!
 //! The main type is [`GcodeProgram`], a [`plan::ProgramStream`] over a file of any size: it is read in windows, block by block, and a
-//! block's steps are handed on before the next one is read. Families of controls are data ([`PROFILES`]); [`detect`] guesses the family
+//! block's steps are handed on before the next one is read. Families of controls are data ([`PROFILES`]); [`detect()`] guesses the family
 //! and says why. [`inspect`](inspect::inspect) makes the tree of any program stream.
 //!
 //! What it deliberately does not do yet, and alarms about with line and column: branches, loops and calls of Custom Macro B, the canned

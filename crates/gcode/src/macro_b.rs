@@ -56,6 +56,9 @@ pub struct MacroRules {
     pub floored: bool,
     /// Variables #100-#199 and #500-#999 are split as on Fanuc; else #1-#5000 are all alike (LinuxCNC).
     pub fanuc_ranges: bool,
+    /// AND, OR, XOR work bit by bit with the ranks of `*` and `+`, and a comparison is no number. LinuxCNC has other ranks and logical
+    /// operators; they are not there yet, and refused rather than computed in the Fanuc way.
+    pub compares: bool,
 }
 
 /// Where expressions get the values of variables from.
@@ -222,7 +225,7 @@ impl<'a, V: Variables> Reader<'a, V> {
     fn comparison(&mut self) -> Outcome<Operand> {
         let start = self.at;
         let left = self.sum()?;
-        let Some(compare) = self.operator(&COMPARISONS) else {
+        let Some(compare) = self.operator(&COMPARISONS)? else {
             return Ok(left);
         };
         let right = self.sum()?;
@@ -241,10 +244,10 @@ impl<'a, V: Variables> Reader<'a, V> {
                 let right = self.product()?;
                 let (a, b) = (self.counted(left, at)?, self.counted(right, at)?);
                 number(at, if operation == Sum::Add { a + b } else { a - b })?
-            } else if self.operator(&[("XOR", ())]).is_some() {
+            } else if self.operator(&[("XOR", ())])?.is_some() {
                 let right = self.product()?;
                 self.bitwise(at, left, right, |a, b| a ^ b, |a, b| a != b)?
-            } else if self.operator(&[("OR", ())]).is_some() {
+            } else if self.operator(&[("OR", ())])?.is_some() {
                 let right = self.product()?;
                 self.bitwise(at, left, right, |a, b| a | b, |a, b| a || b)?
             } else {
@@ -268,10 +271,10 @@ impl<'a, V: Variables> Reader<'a, V> {
                     return Err(division_by_zero(at, "division by 0"));
                 }
                 number(at, a / b)?
-            } else if self.operator(&[("AND", ())]).is_some() {
+            } else if self.operator(&[("AND", ())])?.is_some() {
                 let right = self.operand()?;
                 self.bitwise(at, left, right, |a, b| a & b, |a, b| a && b)?
-            } else if self.operator(&[("MOD", ())]).is_some() {
+            } else if self.operator(&[("MOD", ())])?.is_some() {
                 let right = self.operand()?;
                 let (a, b) = (self.counted(left, at)?, self.counted(right, at)?);
                 number(at, self.modulo(a, b, at)?)?
@@ -548,15 +551,19 @@ impl<'a, V: Variables> Reader<'a, V> {
     }
 
     /// Takes the word operator that stands here, whatever follows it: `#1EQ0`, `12AND 10`.
-    fn operator<T: Copy>(&mut self, operators: &[(&str, T)]) -> Option<T> {
+    fn operator<T: Copy>(&mut self, operators: &[(&str, T)]) -> Outcome<Option<T>> {
         self.peek();
         let here = &self.text[self.at..];
-        let (name, meaning) = operators.iter().find(|(name, _)| {
+        let found = operators.iter().find(|(name, _)| {
             here.get(..name.len())
                 .is_some_and(|t| t.eq_ignore_ascii_case(name.as_bytes()))
-        })?;
+        });
+        let Some((name, meaning)) = found else { return Ok(None) };
+        if !self.rules.compares && *name != "MOD" {
+            return Err(Fault::not_there_yet(self.at, &format!("{name} of this dialect")));
+        }
         self.at += name.len();
-        Some(*meaning)
+        Ok(Some(*meaning))
     }
 
     fn sign<T>(&mut self, sign: u8, meaning: T) -> Option<T> {
@@ -741,6 +748,7 @@ mod tests {
         angles_from_zero: true,
         floored: false,
         fanuc_ranges: true,
+        compares: true,
     };
     const LINUXCNC: MacroRules = MacroRules {
         unset_is_zero: true,
@@ -748,6 +756,7 @@ mod tests {
         angles_from_zero: false,
         floored: true,
         fanuc_ranges: false,
+        compares: false,
     };
 
     struct Given(Memory);
@@ -909,7 +918,8 @@ mod tests {
             LINUXCNC,
             Value::Vacant,
             &[
-                ("#1 EQ 0", "true"),
+                ("#1 EQ 0", "alarm 0 at 3"),
+                ("1 AND 1", "alarm 0 at 2"),
                 ("#4999", "0"),
                 ("FIX[-1.7]", "-2"),
                 ("FUP[-1.2]", "-1"),

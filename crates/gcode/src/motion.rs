@@ -489,6 +489,9 @@ impl Interpreter {
             if hole > 0 {
                 place = std::array::from_fn(|k| place[k] + step[k]);
             }
+            if self.profile.raises_before_hole && self.tip[c] < r {
+                self.along(c, r, Speed::Rapid);
+            }
             place[c] = self.tip[c];
             self.line(place, Speed::Rapid);
             self.along(c, r, Speed::Rapid);

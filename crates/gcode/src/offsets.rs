@@ -269,7 +269,7 @@ impl Interpreter {
             let Some(w) = block.take(word.letter) else { continue };
             let value = self.length(word.letter, w, site) * word.factor;
             let old = self.tables.work_offsets.get(&key.name()).map_or(0.0, |t| t.origin[word.axis]);
-            let adds = word.incremental.unwrap_or(self.incremental);
+            let adds = word.incremental.unwrap_or(self.incremental && self.profile.offsets_add);
             self.write_work_offset(key, word.axis, if adds { old + value } else { value });
         }
         self.follow_work_offsets();

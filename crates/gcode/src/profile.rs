@@ -51,6 +51,10 @@ pub struct Profile {
     pub point_matters: bool,
     /// G10 L2 P0 is the external offset that is added to all others; else the one in force.
     pub external_offset: bool,
+    /// G10 L2 adds to the offset with G91; else it always sets it.
+    pub offsets_add: bool,
+    /// A tip below R goes up to R before it goes to the hole's place; else after.
+    pub raises_before_hole: bool,
     /// P behind G64 is a tolerance.
     pub tolerance_word: bool,
     /// P behind G2 and G3 is a number of turns.
@@ -367,6 +371,7 @@ const FANUC_MACROS: MacroRules = MacroRules {
     angles_from_zero: true,
     floored: false,
     fanuc_ranges: true,
+    compares: true,
 };
 
 /// Fanuc 16i/18i/21i, 0i and their relatives on a milling machine.
@@ -484,6 +489,8 @@ pub const FANUC_MILL: Profile = Profile {
     letters: b"DFGHIJKLMNOPQRSTXYZ",
     point_matters: true,
     external_offset: true,
+    offsets_add: true,
+    raises_before_hole: false,
     tolerance_word: false,
     arc_turns: false,
     offset_variables: &[
@@ -626,6 +633,8 @@ pub const FANUC_LATHE: Profile = Profile {
     letters: b"FGIKLMNOPQRSTUWXZ",
     point_matters: true,
     external_offset: true,
+    offsets_add: true,
+    raises_before_hole: false,
     tolerance_word: false,
     arc_turns: false,
     offset_variables: &[
@@ -770,6 +779,7 @@ pub const RS274: Profile = Profile {
         angles_from_zero: false,
         floored: true,
         fanuc_ranges: false,
+        compares: false,
     },
     increment: [0.001, 0.0001],
     rounds_words: false,
@@ -786,6 +796,8 @@ pub const RS274: Profile = Profile {
     letters: b"DFGHIJKLMNOPQRSTXYZ",
     point_matters: false,
     external_offset: false,
+    offsets_add: false,
+    raises_before_hole: true,
     tolerance_word: true,
     arc_turns: true,
     offset_variables: &[],

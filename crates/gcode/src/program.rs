@@ -100,6 +100,8 @@ struct Call {
     return_to: (u64, u32),
     body: (u64, u32),
     times_left: u32,
+    /// Number of the program that called.
+    caller: u32,
 }
 
 impl GcodeProgram {
@@ -258,6 +260,7 @@ impl GcodeProgram {
                 self.at_start = false;
                 self.any_block = true;
                 self.interpreter.close_comments();
+                self.interpreter.show_message(&self.block, site);
                 self.interpreter.execute(&mut self.block, site)
             }
         };
@@ -288,6 +291,7 @@ impl GcodeProgram {
                         self.calls.push(call);
                     } else {
                         self.at_start = false;
+                        self.interpreter.program_number = call.caller;
                         self.current = call.return_file;
                         self.files[self.current].lines.seek(call.return_to.0, call.return_to.1);
                     }
@@ -360,6 +364,7 @@ impl GcodeProgram {
             return_to,
             body,
             times_left: times,
+            caller: self.interpreter.program_number,
         });
         self.current = file;
         self.files[file].lines.seek(body.0, body.1);
@@ -489,8 +494,18 @@ fn line_error(error: LineError) -> Diagnostic {
 
 /// Where the program starts: behind a leader, which is any text before the first `%` that does not look like blocks.
 fn leader(lines: &mut Lines) -> Result<(u64, u32), LineError> {
+    const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+    let mut first = (0, 0);
     while let Some(line) = lines.next()? {
-        let text = lines.bytes(line).trim_ascii();
+        let text = lines.bytes(line);
+        let text = match text.strip_prefix(BYTE_ORDER_MARK) {
+            Some(rest) if line.number == 1 => {
+                first = (BYTE_ORDER_MARK.len() as u64, 0);
+                rest
+            }
+            _ => text,
+        };
+        let text = text.trim_ascii();
         if text.first() == Some(&b'%') {
             return Ok(lines.position());
         }
@@ -504,7 +519,7 @@ fn leader(lines: &mut Lines) -> Result<(u64, u32), LineError> {
             break;
         }
     }
-    Ok((0, 0))
+    Ok(first)
 }
 
 /// The program's name: its number with the comment beside it, else the file's.

@@ -2,10 +2,11 @@
 
 mod common;
 
-use common::{lathe_tables, listing, mill_tables};
+use common::{lathe_tables, listing, mill_tables, open_with, run};
 use expect_test::{Expect, expect};
 use gcode::Options;
 use plan::Tables;
+use units::{Point, Transform, Vector};
 
 #[track_caller]
 fn mill(program: &str, expected: Expect) {
@@ -320,6 +321,83 @@ fn variables_in_words_and_stops() {
             8 stop Program
             alarm 3012: error: test.nc:9:1: WRONG PART; the program itself says so
         "#]],
+    );
+}
+
+#[test]
+fn blocks_behind_a_skip_switch_that_is_on_are_left_out_macro_statements_too() {
+    let options = Options {
+        block_skip: 0b10,
+        ..Options::default()
+    };
+    let program = "G21 G0 X0\n/2 #1=9\n/ X1.\n/2 X2.\nX3. /2 Y5.\nZ#1\nM30";
+    expect![[r#"
+        - begin Program 'test.nc'
+        - frame G54 at -300 -200 -400
+        1 begin Workingstep 'test.nc' derived
+        1 line 300 200 400 -> 0 200 400 rapid
+        3 line 0 200 400 -> 1 200 400 rapid
+        5 line 1 200 400 -> 3 200 400 rapid
+        7 end Workingstep
+        7 end Program
+    "#]]
+    .assert_eq(&listing(program, "fanuc-mill", mill_tables(), options));
+}
+
+#[test]
+fn a_leader_and_a_byte_order_mark_are_no_part_of_the_program() {
+    mill(
+        "PROGRAM FOR MACHINE 7, SHIFT 2\n%\nO5\nG21 G0 X0\nM30\n%\nafter the end",
+        expect![[r#"
+            - begin Program 'O0005'
+            - frame G54 at -300 -200 -400
+            4 begin Workingstep 'O0005' derived
+            4 line 300 200 400 -> 0 200 400 rapid
+            5 end Workingstep
+            5 end Program
+        "#]],
+    );
+    mill(
+        "\u{feff}G21 G0 X0\nM30",
+        expect![[r#"
+        - begin Program 'test.nc'
+        - frame G54 at -300 -200 -400
+        1 begin Workingstep 'test.nc' derived
+        1 line 300 200 400 -> 0 200 400 rapid
+        2 end Workingstep
+        2 end Program
+    "#]],
+    );
+}
+
+#[test]
+fn a_turned_work_offset_is_refused() {
+    let mut tables = mill_tables();
+    let turned = Transform::from_axes(Point::ORIGIN, Vector::Z, Vector::Y).expect("Z has a direction");
+    tables.work_offsets.insert("G55".to_owned(), turned);
+    expect![[r#"
+        - begin Program 'test.nc'
+        - frame G54 at -300 -200 -400
+        error: test.nc:2:1: work offset G55 is turned: G-code work offsets are shifts here; enter it as a shift
+    "#]]
+    .assert_eq(&listing("G21\nG55 X0\nM30", "fanuc-mill", tables, Options::default()));
+}
+
+#[test]
+fn a_run_can_be_taken_up_in_the_middle() {
+    let text = "O1\nG21 G90 T2 M6\nG43 H2 S900 M3 M8\nG0 X1. Y2. Z3.\nM1\nG1 X5. F100.\nX6.\nM30";
+    let mut whole = open_with(text.as_bytes(), "fanuc-mill", mill_tables(), Options::default()).expect("it opens");
+    let (steps, _) = run(&mut whole);
+    let mut modal = plan::Modal::default();
+    for step in &steps[..steps.len() - 4] {
+        modal.follow(step);
+    }
+    let next = units::StepId(modal.step.0 + 1);
+    let again = plan::restart_at(&mut whole, next, &mut |_| plan::Answer::Truth(true)).expect("it comes that far");
+    assert_eq!(again, modal);
+    assert_eq!(
+        plan::ProgramStream::next(&mut whole, None),
+        plan::Next::Step(steps[steps.len() - 4].clone())
     );
 }
 

@@ -1,5 +1,7 @@
 //! What holds for every program: limits, tolerance, end point, order.
 
+#![allow(clippy::disallowed_methods, reason = "the count of the long run comes from the environment")]
+
 mod support;
 
 use machine::{Command, SetPoint};

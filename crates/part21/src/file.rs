@@ -101,7 +101,7 @@ impl File {
                     .any(|external| external.name == ExternalName::Entity(id))
             };
             if dangling.targets.iter().any(|&target| !known(target)) {
-                scan.problems.add("missing_instance", offset, || {
+                scan.problems.add("missing-instance", offset, || {
                     format!(
                         "#{id} refers to #{target}, which the file does not hold; {} such references",
                         dangling.count
@@ -337,7 +337,7 @@ fn sort(scan: &mut Scan) -> Option<Vec<u32>> {
         let id = scan.ids.get(place as usize);
         if kept.last().is_some_and(|&last| scan.ids.get(last as usize) == id) {
             let offset = scan.offsets.get(place as usize) as usize;
-            scan.problems.add("duplicate_identifier", offset, || {
+            scan.problems.add("duplicate-identifier", offset, || {
                 format!("#{id} is defined twice: the first definition holds")
             });
             continue;

@@ -31,7 +31,7 @@ impl Position {
 /// One kind of mistake in a file, at its first place.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
-    /// The kind, a stable word such as `unterminated_string`.
+    /// The kind, a stable word such as `unterminated-string`.
     pub code: &'static str,
     /// What is wrong, in a sentence for the person who has the file.
     pub message: String,

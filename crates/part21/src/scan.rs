@@ -140,7 +140,7 @@ impl Scanner<'_> {
                 if section != Section::Data {
                     self.out
                         .problems
-                        .add("outside_section", at, || "an instance stands outside any DATA section".into());
+                        .add("outside-section", at, || "an instance stands outside any DATA section".into());
                     self.open_data(Vec::new(), at);
                     section = Section::Data;
                     opened_at = at;
@@ -199,7 +199,7 @@ impl Scanner<'_> {
                 b"END-ISO-10303-21" => {
                     ended = true;
                     if section != Section::None {
-                        self.out.problems.add("missing_endsec", at, || {
+                        self.out.problems.add("missing-endsec", at, || {
                             "ENDSEC; is missing before the end of the file".into()
                         });
                         if section == Section::Data
@@ -216,7 +216,7 @@ impl Scanner<'_> {
                     self.header_entry();
                 }
                 _ => {
-                    self.out.problems.add("unknown_text", at, || {
+                    self.out.problems.add("unknown-text", at, || {
                         "text that is neither a section nor an instance: left alone, and not read".into()
                     });
                     self.text.at = self.text.at.max(at + 1);
@@ -230,14 +230,14 @@ impl Scanner<'_> {
                 "the file ends inside a section: its end is missing, so instances may be".into()
             });
         } else if !ended {
-            self.out.problems.add("missing_end", length, || {
+            self.out.problems.add("missing-end", length, || {
                 "END-ISO-10303-21; is missing: the file may be truncated".into()
             });
         }
         if self.out.data_sections.is_empty() {
             self.out
                 .problems
-                .add("no_data", opened_at, || "the file has no DATA section".into());
+                .add("no-data", opened_at, || "the file has no DATA section".into());
         }
     }
 
@@ -245,7 +245,7 @@ impl Scanner<'_> {
     fn end_of_entry(&mut self) {
         let at = self.text.at;
         if self.text.expect(b';').is_err() {
-            self.out.problems.add("missing_semicolon", at, || {
+            self.out.problems.add("missing-semicolon", at, || {
                 "a semicolon is missing behind a section keyword".into()
             });
         }
@@ -302,7 +302,7 @@ impl Scanner<'_> {
             self.text.at += 1;
             match self.text.list() {
                 Ok(values) => parameters = values.into_iter().map(Value::into_owned).collect(),
-                Err(fault) => self.out.problems.add("data_parameters", fault.offset, || {
+                Err(fault) => self.out.problems.add("data-parameters", fault.offset, || {
                     format!("the parameters of a DATA section cannot be read: {}", fault.message)
                 }),
             }
@@ -369,7 +369,7 @@ impl Scanner<'_> {
                 name: ExternalName::Value(id),
                 uri: uri.into_owned(),
             }),
-            _ => self.out.problems.add("reference_section", start, || {
+            _ => self.out.problems.add("reference-section", start, || {
                 "a reference cannot be read: expected #1=<uri>; or @1=<uri>;".into()
             }),
         }
@@ -457,7 +457,7 @@ impl Scanner<'_> {
             self.out.names.number_of(&self.text.bytes[keyword])
         };
         if number == crate::keywords::UNKNOWN {
-            self.out.problems.add("entity_names", start, || {
+            self.out.problems.add("entity-names", start, || {
                 "an instance without entity name, or more than 65 000 different names".into()
             });
         }
@@ -479,7 +479,7 @@ impl Scanner<'_> {
             }
             let Some(&byte) = bytes.get(at) else {
                 self.text.at = at;
-                self.out.problems.add("truncated_instance", instance, || {
+                self.out.problems.add("truncated-instance", instance, || {
                     format!("the file ends inside instance #{id}")
                 });
                 return Body::Broken;
@@ -488,7 +488,7 @@ impl Scanner<'_> {
                 b'\'' => match self.string_end(at + 1) {
                     Ok(end) => at = end,
                     Err(resume) => {
-                        self.out.problems.add("unterminated_string", at, || {
+                        self.out.problems.add("unterminated-string", at, || {
                             format!("a string in #{id} is not closed: the instance is skipped")
                         });
                         self.text.at = resume;
@@ -506,7 +506,7 @@ impl Scanner<'_> {
                         digits += 1;
                     }
                     if matches!(bytes.get(at), Some(b'=' | b' ')) && self.begins_entry(start) {
-                        self.out.problems.add("missing_semicolon", start, || {
+                        self.out.problems.add("missing-semicolon", start, || {
                             format!("instance #{id} is not closed: it is skipped")
                         });
                         self.text.at = start;

@@ -401,7 +401,7 @@ impl<'a> Parser<'a> {
         let mut end = start;
         loop {
             match self.bytes[end..].iter().position(|&byte| byte == b'\'') {
-                None => return self.fault("unterminated_string", "a string is not closed"),
+                None => return self.fault("unterminated-string", "a string is not closed"),
                 Some(length) => end += length,
             }
             if self.bytes.get(end + 1) != Some(&b'\'') {

@@ -60,7 +60,7 @@ fn instances_in_any_order_are_found_and_the_first_of_two_equals_holds() {
             #10 B ["#30"] used by [20, 30]
             #20 C ["#30", "#10"] used by [30]
             #30 A ["#10", "#20"] used by [10, 20]
-            line 11, column 1: #10 is defined twice: the first definition holds [duplicate_identifier]
+            line 11, column 1: #10 is defined twice: the first definition holds [duplicate-identifier]
         "##]],
     );
 }
@@ -74,11 +74,11 @@ fn a_broken_instance_is_named_and_the_next_one_is_read() {
             #5 E ["2"] used by []
             #7 F ["#1"] used by []
             #8 G line 15, column 6: #8: "12..3" is not a number [number] used by []
-            line 8, column 6: a string in #1 is not closed: the instance is skipped [unterminated_string]
+            line 8, column 6: a string in #1 is not closed: the instance is skipped [unterminated-string]
             line 10, column 13: the parentheses of #3 do not pair: the instance is skipped [parentheses]
-            line 12, column 1: instance #4 is not closed: it is skipped [missing_semicolon]
+            line 12, column 1: instance #4 is not closed: it is skipped [missing-semicolon]
             line 13, column 3: = is missing behind #6 [syntax]
-            line 14, column 1: #7 refers to #1, which the file does not hold; 1 such references [missing_instance]
+            line 14, column 1: #7 refers to #1, which the file does not hold; 1 such references [missing-instance]
         "##]],
     );
 }
@@ -89,7 +89,7 @@ fn a_truncated_file_keeps_what_is_whole() {
     let cut = &text[..text.len() - "\nENDSEC;\nEND-ISO-10303-21;\n".len()];
     expect![[r#"
         #1 A [] used by []
-        line 9, column 1: the file ends inside instance #2 [truncated_instance]
+        line 9, column 1: the file ends inside instance #2 [truncated-instance]
         line 9, column 11: the file ends inside a section: its end is missing, so instances may be [truncated]
     "#]]
     .assert_eq(&outline(&read(cut)));

@@ -3,6 +3,7 @@
 use crate::model::{Executable, ExecutableKind, FeedSetting, Function, Program, SpindleSetting, Tool, Toolpath, ToolpathKind};
 use plan::{Diagnostic, Diagnostics, Severity};
 use serde::Serialize;
+use std::collections::BTreeSet;
 use units::Millimetres;
 
 /// A whole file.
@@ -35,7 +36,7 @@ pub struct Summary {
     pub rapids: u64,
     /// Dwells among them.
     pub dwells: u64,
-    /// Tools that the file describes.
+    /// Tools that the file describes; some writers repeat a tool for each operation, which counts once.
     pub tools: u64,
     /// Functions of the control in the tree.
     pub nc_functions: u64,
@@ -194,7 +195,7 @@ pub fn inspect(program: &Program) -> Inspection {
         program,
         problems: Diagnostics::new(),
         summary: Summary {
-            tools: program.tools().len() as u64,
+            tools: program.tools().iter().map(|tool| &tool.name).collect::<BTreeSet<_>>().len() as u64,
             ..Summary::default()
         },
         nodes: 0,

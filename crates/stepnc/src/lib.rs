@@ -22,8 +22,8 @@ pub mod twin;
 mod unit;
 
 pub use model::{
-    Executable, ExecutableKind, Function, MachineFunctions, Operation, Program, Project, Setup, SpindleSetting, Technology, Tool,
-    Toolpath, ToolpathKind, TwinFacts,
+    Dwell, Executable, ExecutableKind, FeedSetting, Function, MachineFunctions, Operation, Program, Project, Setup,
+    SpindleSetting, Technology, Tool, Toolpath, ToolpathKind, TwinFacts,
 };
 pub use part21::ReadError;
 pub use stream::{PathFrame, StepNcStream, StreamOptions};

@@ -319,13 +319,13 @@ pub enum Dwell {
 /// Problems of the file by which instances are lost.
 const DAMAGE: [&str; 8] = [
     "truncated",
-    "truncated_instance",
-    "unterminated_string",
+    "truncated-instance",
+    "unterminated-string",
     "parentheses",
-    "missing_semicolon",
+    "missing-semicolon",
     "syntax",
     "identifier",
-    "unknown_text",
+    "unknown-text",
 ];
 
 impl Program {

@@ -6,8 +6,8 @@
 //! whether the placement of the workpiece moves paths as well; here it does not (the set-up is the frame that paths are written in),
 //! and [`PathFrame`] is the one switch for files that mean the other.
 //!
-//! **What is added.** Where a path does not begin at the end of the last one a rapid link is put in, marked `derived`: up, across, down,
-//! as a straight one could go through the part. Spindle and coolant rest for a tool change and at the end. Tool, spindle,
+//! **What is added.** Where a path does not begin at the end of the last one a rapid link is put in, marked `derived`: up, across, down (on a
+//! lathe out in X, along, in), as a straight one could go through the part. Spindle and coolant rest for a tool change and at the end. Tool, spindle,
 //! coolant and path tolerance are said when they change. `other functions` along a path become one [`RawNcFunction`] of that kind
 //! behind the path's beginning; they end with the path.
 //!
@@ -924,7 +924,9 @@ impl<'s> Walker<'s> {
         let mut pieces = program.pieces(&toolpath)?;
         let mut first = pieces.next().transpose().map_err(|fault| placed(fault, id))?;
         if let Some(first) = &mut first {
-            self.link(id, frame.machine_from_setup, first, speed);
+            // A mill lifts the tool off along Z, a lathe along X.
+            let retract_axis = if operation.kind.contains("TURNING") { 0 } else { 2 };
+            self.link(id, frame.machine_from_setup, first, speed, retract_axis);
         }
         self.begin(Level::Toolpath, id, &toolpath.name, toolpath.maximum_deviation);
         self.run.queue.extend(others.map(|kind| (entity_origin(id), kind)));
@@ -942,10 +944,17 @@ impl<'s> Walker<'s> {
         Ok(())
     }
 
-    /// Moves from where the tip is to where a path begins: rapid, up to the higher of the two, across, down.
+    /// Moves from where the tip is to where a path begins: rapid, out along the retract axis to the farther of the two, across, in.
     ///
     /// A gap within the rounding of the file is no link: a line begins where the tip is, any other piece is reached at its own speed.
-    fn link(&mut self, id: u64, machine_from_setup: Transform<Machine, Setup>, first: &mut Path<Setup>, speed: Speed) {
+    fn link(
+        &mut self,
+        id: u64,
+        machine_from_setup: Transform<Machine, Setup>,
+        first: &mut Path<Setup>,
+        speed: Speed,
+        retract_axis: usize,
+    ) {
         let tip = machine_from_setup.inverse() * (self.run.gauge - self.run.offset.total());
         let start = first.start();
         let gap = tip.distance(start);
@@ -958,8 +967,12 @@ impl<'s> Walker<'s> {
             *from = tip;
             return;
         }
-        let height = tip.xyz[2].max(start.xyz[2]);
-        let above = |place: Point<Setup>| Point::new(place.xyz[0], place.xyz[1], height);
+        let clear = tip.xyz[retract_axis].max(start.xyz[retract_axis]);
+        let above = |place: Point<Setup>| {
+            let mut place = place;
+            place.xyz[retract_axis] = clear;
+            place
+        };
         let (speed, corners) = match gap <= ROUNDING {
             true => (speed, [tip, tip, start]),
             false => (Speed::Rapid, [above(tip), above(start), start]),

@@ -513,7 +513,7 @@ impl Writer<'_> {
         while open.len() > 1 {
             self.close(&mut open, &source)?;
         }
-        self.facts(id, whole, main.map(|main| main.id), &source, run.exception.as_deref(), true)?;
+        self.facts(id, whole, main.map(|main| main.id), &source, run.exception.as_deref())?;
         if let Some(machine) = machine {
             self.add(format!("MACHINING_USAGE_RELATIONSHIP('','',#{id},#{machine})"))?;
         }
@@ -572,7 +572,7 @@ impl Writer<'_> {
             if let (Some(program), Some(entity)) = (self.program, plan.key.1) {
                 planned(program, &plan.key.0, entity)?;
             }
-            self.facts(plan.id, plan.facts, plan.key.1, source, None, true)?;
+            self.facts(plan.id, plan.facts, plan.key.1, source, None)?;
         }
         Ok(())
     }
@@ -617,7 +617,7 @@ impl Writer<'_> {
             end: step.end,
             worktime: step.worktime,
         };
-        self.facts(id, span, plan.map(|plan| plan.id), source, step.exception.as_deref(), true)?;
+        self.facts(id, span, plan.map(|plan| plan.id), source, step.exception.as_deref())?;
         if let Some(deviation) = &step.deviation {
             self.deviation(id, deviation, step.end)?;
         }
@@ -769,15 +769,7 @@ impl Writer<'_> {
     }
 
     /// What makes an executable a twin.
-    fn facts(
-        &mut self,
-        id: u64,
-        span: Span,
-        plan: Option<u64>,
-        source: &str,
-        exception: Option<&str>,
-        worktime: bool,
-    ) -> Result<(), WriteError> {
+    fn facts(&mut self, id: u64, span: Span, plan: Option<u64>, source: &str, exception: Option<&str>) -> Result<(), WriteError> {
         self.date(id, "twin start", span.start)?;
         self.date(id, "twin end", span.end)?;
         if let Some(plan) = plan
@@ -786,11 +778,9 @@ impl Writer<'_> {
             self.add(format!("MACHINING_TWIN_RELATIONSHIP('','',#{id},#{plan})"))?;
         }
         self.describe(id, "twin source", source)?;
-        if worktime {
-            let item = self.time("twin worktime", span.worktime)?;
-            let representation = self.representation(item)?;
-            self.property(id, "twin worktime", representation)?;
-        }
+        let item = self.time("twin worktime", span.worktime)?;
+        let representation = self.representation(item)?;
+        self.property(id, "twin worktime", representation)?;
         if let Some(exception) = exception {
             self.describe(id, "twin exception", exception)?;
         }

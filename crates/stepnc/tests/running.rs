@@ -353,6 +353,36 @@ fn a_gap_of_rounding_between_paths_is_closed_and_a_real_one_is_a_rapid_link() {
 }
 
 #[test]
+fn on_a_lathe_links_leave_along_x_and_surface_speed_keeps_its_limit() {
+    let text = String::from_utf8(one_path(LINE, 7).file().bytes().to_vec()).expect("ASCII");
+    let text = text
+        .replace("FREEFORM_MILLING_OPERATION", "TURNING_TYPE_OPERATION")
+        .replace("(#129),#8)", "(#129,#190),#8)")
+        .replace(
+            "'rotational speed',NUMERIC_MEASURE(-1500.),#6",
+            "'surface speed',NUMERIC_MEASURE(60000.),#5",
+        )
+        .replace(
+            "ENDSEC;\nEND-ISO",
+            "#190=MEASURE_REPRESENTATION_ITEM('maximum rotational speed',NUMERIC_MEASURE(1800.),#6);\nENDSEC;\nEND-ISO",
+        );
+    let program = Program::read("own.stpnc", text.into_bytes()).expect("a Part 21 file");
+    assert!(program.turns());
+    let mut options = options();
+    options.tables.position = units::Point::new(50.0, 0.0, 100.0);
+    let text = steps(program, options, 200, |_| Answer::Truth(true));
+    let lines: Vec<&str> = text
+        .lines()
+        .filter(|line| line.contains("derived") || line.contains("Spindle(Counter"))
+        .collect();
+    expect![[r#"
+        8 #110 Spindle(Counterclockwise(Surface { speed: MmPerSec(1000.0), limit: Rpm(1800.0) }))
+        9 #110 line (50.0000, 0.0000, 100.0000) -> (50.0000, 0.0000, 5.0000) rapid derived
+        10 #110 line (50.0000, 0.0000, 5.0000) -> (0.0000, 0.0000, 5.0000) rapid derived"#]]
+    .assert_eq(&lines.join("\n"));
+}
+
+#[test]
 fn a_damaged_file_is_shown_and_not_run() {
     let text = String::from_utf8(one_path(LINE, 7).file().bytes().to_vec()).expect("ASCII");
     let cut = &text[..text.len() - 60];

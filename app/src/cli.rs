@@ -1,0 +1,206 @@
+//! The command line: what can be asked, in the words of the manual.
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// The digital thread of a CNC machine: plan a program, run it, record what happened, and hold the run against the plan.
+#[derive(Debug, Parser)]
+#[command(name = "toolmark", version, arg_required_else_help = true, max_term_width = 110, after_help = EXIT_CODES)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+    /// Settings that every command knows.
+    #[command(flatten)]
+    pub common: Common,
+}
+
+const EXIT_CODES: &str = "\
+Exit codes: 0 done and good; 1 done, the verdict is negative (check failed, alarm, out of tolerance); 2 wrong usage;
+3 the input cannot be read; 4 machine, network or lock; 70 a fault of ours.
+Start here: toolmark demo";
+
+/// Settings that every command knows.
+#[derive(Clone, Debug, Args)]
+pub struct Common {
+    /// Print one JSON object on stdout instead of text.
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Data directory [default: $TOOLMARK_DATA, else $XDG_DATA_HOME/toolmark, else ~/.local/share/toolmark].
+    #[arg(long, global = true, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// The machine: sim (mill, or lathe when the program turns), sim-mill, sim-lathe, or a machine file.
+    #[arg(long, global = true, value_name = "M", default_value = "sim")]
+    pub machine: String,
+    /// Seed of everything random in a simulation; the same seed and start give the same bytes.
+    #[arg(long, global = true, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Start time of a run, RFC 3339 [default: now].
+    #[arg(long, global = true, value_name = "TIME")]
+    pub start: Option<String>,
+    /// Who stands behind a change [default: the system's user].
+    #[arg(long, global = true, value_name = "NAME")]
+    pub operator: Option<String>,
+    /// Why.
+    #[arg(long, global = true, value_name = "TEXT")]
+    pub reason: Option<String>,
+    /// Units of printed lengths; files and JSON stay in mm.
+    #[arg(long, global = true, value_enum, default_value_t = DisplayUnits::Mm)]
+    pub units: DisplayUnits,
+    /// The control a G-code program is written for [default: found out, with the reason].
+    #[arg(long, global = true, value_name = "NAME")]
+    pub dialect: Option<String>,
+}
+
+/// Units of printed lengths.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum DisplayUnits {
+    /// Millimetres.
+    Mm,
+    /// Inches.
+    Inch,
+}
+
+/// What can be asked.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// The whole story on the simulated machine: a part is made with a planted fault, the report finds it, a measured size corrects
+    /// a tool offset and the next part is better.
+    Demo(DemoArgs),
+    /// Check, plan and execute a program, record every cycle, rebuild what happened and report the deviation.
+    Run(RunArgs),
+    /// Pre-run checks of a program, one line each with the number that decided.
+    Check(ProgramArgs),
+    /// The tree of a STEP-NC or G-code file; --json gives it whole.
+    Inspect(InspectArgs),
+    /// Plan a program's motion and write the set-points, 1 ms apart.
+    Plan(PlanArgs),
+    /// Rebuild what happened from a record: cut it into the plan's workingsteps and write an as-executed STEP-NC file.
+    #[command(override_usage = "toolmark rebuild <PLAN> <RECORD> --out <F.stpnc>\n       toolmark rebuild --no-plan <RECORD> --out <F.stpnc>")]
+    Rebuild(RebuildArgs),
+    /// Hold an as-executed STEP-NC file against its plan; one file may hold both.
+    Compare(CompareArgs),
+}
+
+/// `toolmark demo`
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Keep the files here instead of in a fresh temporary folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// A program.
+#[derive(Debug, Args)]
+pub struct ProgramArgs {
+    /// STEP-NC (.stpnc, .stp, .p21) or G-code.
+    pub program: PathBuf,
+}
+
+/// `toolmark inspect`
+#[derive(Debug, Args)]
+pub struct InspectArgs {
+    /// STEP-NC (.stpnc, .stp, .p21) or G-code.
+    pub program: PathBuf,
+    /// Only this part of the tree: `#id`, or names joined by `/`; `[n]` picks the n-th of equals.
+    #[arg(long, value_name = "PATH")]
+    pub select: Option<String>,
+    /// Only what is wrong or odd in the file.
+    #[arg(long)]
+    pub problems: bool,
+}
+
+/// `toolmark plan`
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// STEP-NC or G-code.
+    pub program: PathBuf,
+    /// Where the set-points go, by ending: .csv or .parquet.
+    #[arg(long, value_name = "F")]
+    pub out: PathBuf,
+    /// Limits as JSON: {"v_max_mm_s":500,"a_max_mm_s2":3000,"j_max_mm_s3":50000,"tolerance_mm":0.01}, one number or one per axis.
+    #[arg(long, value_name = "L.json")]
+    pub limits: Option<PathBuf>,
+    /// Frame of the written positions.
+    #[arg(long, value_enum, default_value_t = FrameName::Setup)]
+    pub frame: FrameName,
+}
+
+/// A frame of reference.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum FrameName {
+    /// What the program is written in.
+    Setup,
+    /// Home is 0.
+    Machine,
+}
+
+/// `toolmark run`
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// STEP-NC or G-code.
+    pub program: PathBuf,
+    /// As fast as the computer can instead of in real time; simulated machines only.
+    #[arg(long)]
+    pub fast: bool,
+    /// Also put the results here [default: the job's folder in the data directory].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Rebuild from the record thinned as an MTConnect agent would give it: one position every MS milliseconds, times off by up to
+    /// JITTER milliseconds.
+    #[arg(long, value_name = "MS[,JITTER]")]
+    pub as_mtconnect: Option<String>,
+    /// Take the program up at this step.
+    #[arg(long, value_name = "STEP")]
+    pub from: Option<u32>,
+    /// Verdict: deviation allowed where the program gives none, mm.
+    #[arg(long, value_name = "MM")]
+    pub tolerance: Option<f64>,
+    /// Wrong set-up, for practice: the n-th workingstep runs with its work offset shifted by X,Y,Z mm; simulated machines only.
+    #[arg(long, value_name = "N:X,Y,Z")]
+    pub plant_shift: Option<String>,
+}
+
+/// `toolmark rebuild`
+#[derive(Debug, Args)]
+pub struct RebuildArgs {
+    /// The plan and the record; with --no-plan the record alone.
+    #[arg(required = true, num_args = 1..=2, value_names = ["PLAN", "RECORD"])]
+    pub files: Vec<PathBuf>,
+    /// There is no plan: tell feed from rapid by the record's own speeds.
+    #[arg(long)]
+    pub no_plan: bool,
+    /// The STEP-NC file to write.
+    #[arg(long, value_name = "F.stpnc")]
+    pub out: PathBuf,
+    /// Name of the as-executed project.
+    #[arg(long, value_name = "NAME")]
+    pub name: Option<String>,
+    /// Verdict: deviation allowed where the program gives none, mm; makes a bad verdict exit 1.
+    #[arg(long, value_name = "MM")]
+    pub tolerance: Option<f64>,
+    /// Also write report.html and report.json here.
+    #[arg(long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
+    /// Frame of the record's positions [default: the record's own word, else estimated].
+    #[arg(long, value_enum)]
+    pub frame: Option<FrameName>,
+    /// The device whose positions count, when the record holds several.
+    #[arg(long, value_name = "NAME")]
+    pub device: Option<String>,
+}
+
+/// `toolmark compare`
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// The plan.
+    pub plan: PathBuf,
+    /// The file with the run; the plan's own when it holds both.
+    pub as_executed: Option<PathBuf>,
+    /// Which run, counted from 1 [default: the last].
+    #[arg(long, value_name = "N")]
+    pub run: Option<usize>,
+    /// Verdict: deviation allowed where the program gives none, mm; makes a bad verdict exit 1.
+    #[arg(long, value_name = "MM")]
+    pub tolerance: Option<f64>,
+}
