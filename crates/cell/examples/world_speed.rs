@@ -9,11 +9,15 @@
 
 #[path = "../tests/common/mod.rs"]
 mod common;
+#[path = "../tests/common/program.rs"]
+mod program;
 
-use cell::{RecordSink, World, WorldConfig};
+use cell::{CommandSource, RecordSink, World, WorldConfig};
 use ledger::Event;
 use machine::{CHANNELS, Sample};
+use motion::{Limits, Trajectory};
 use std::time::Instant;
+use units::{Millimetres, Point};
 
 /// Columns as a record keeps them, without the file.
 #[derive(Default)]
@@ -45,26 +49,41 @@ fn main() {
         for k in 0..40 {
             w.rectangle("pass", [10.0, 10.0], [40.0, 25.0], -0.1 * f64::from(k));
         }
-        let mut columns = Columns {
-            channels: vec![Vec::new(); CHANNELS.len()],
-            ..Columns::default()
-        };
-        let mut world = match World::new(WorldConfig::default(), w.finish()) {
-            Ok(world) => world,
-            Err(error) => return println!("no machine: {error}"),
-        };
-        let begun = Instant::now();
-        let outcome = world.run(&mut columns);
-        let taken = begun.elapsed().as_secs_f64();
-        println!(
-            "{:.1} s of machining in {taken:.3} s: {:.0} x real time, {:.2} us a cycle; {} rows of {} channels, {} events, {}",
-            outcome.time.0,
-            outcome.time.0 / taken,
-            1e6 * taken / outcome.samples as f64,
-            columns.ticks.len(),
-            columns.channels.len(),
-            columns.events,
-            outcome.ended.text(),
-        );
+        measure("planned before", w.finish());
     }
+    for _ in 0..3 {
+        let machine = WorldConfig::default().machine;
+        let limits = Limits {
+            v_max: machine.axes.map(|a| a.v_max),
+            a_max: machine.axes.map(|a| a.a_max),
+            j_max: None,
+            tolerance: Millimetres(0.01),
+        };
+        let source = Trajectory::new(Box::new(program::program(25)), Point::ORIGIN, limits);
+        measure("planned on the way", source);
+    }
+}
+
+fn measure(what: &str, source: impl CommandSource) {
+    let mut columns = Columns {
+        channels: vec![Vec::new(); CHANNELS.len()],
+        ..Columns::default()
+    };
+    let mut world = match World::new(WorldConfig::default(), source) {
+        Ok(world) => world,
+        Err(error) => return println!("no machine: {error}"),
+    };
+    let begun = Instant::now();
+    let outcome = world.run(&mut columns);
+    let taken = begun.elapsed().as_secs_f64();
+    println!(
+        "{what}: {:.1} s of machining in {taken:.3} s: {:.0} x real time, {:.2} us a cycle; {} rows of {} channels, {} events, {}",
+        outcome.time.0,
+        outcome.time.0 / taken,
+        1e6 * taken / outcome.samples as f64,
+        columns.ticks.len(),
+        columns.channels.len(),
+        columns.events,
+        outcome.ended.text(),
+    );
 }

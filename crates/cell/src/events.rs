@@ -1,16 +1,16 @@
 //! What stands in the log of a run: one kind of event for each thing that is no motion, its data by name.
 //!
 //! Every event carries `step` (the step it belongs to, 0 is none) and `tick` besides its own data. A step's event stands at the tick at
-//! which the machine had done everything before it: what it says is in force for all samples of later steps. Lengths are mm, in names
-//! that end in `_mm`; frames are `{"rotation": rows, "origin": [x, y, z]}` with the origin in mm.
+//! which the machine had done everything before it: what it says is in force for all samples of later steps. Lengths are mm; a frame's
+//! `origin` and `rotation` (rows) take the set-up into the machine.
 //!
 //! | kind | data |
 //! |---|---|
 //! | `job-started` | `program_sha256`, `seed`, `machine`, `source` (`SIMULATED`, or the driver's name) |
 //! | `begin` | `level`, `name`, `entity`, `derived`, `maximum_deviation_mm`; of a workingstep also `workingstep`, its number in the samples |
 //! | `end` | `level` |
-//! | `frame` | `name`, `machine_from_setup`, `assumed` |
-//! | `tool-offset` | `number`, `geometry_mm`, `wear_mm`, `assumed` |
+//! | `frame` | `name`, `origin`, `rotation`, `assumed` |
+//! | `tool-offset` | `number`, `geometry`, `wear`, `assumed` |
 //! | `tool` | `number`, `name`, `diameter_mm` |
 //! | `spindle` | `direction` (`cw`, `ccw`, `stopped`), `speed_rpm` or `surface_mm_s` and `limit_rpm` |
 //! | `coolant` | `flood`, `mist`, `through` |
@@ -51,8 +51,8 @@ pub fn of_step(step: &Step) -> Option<(&'static str, Detail)> {
             "tool-offset",
             json!({
                 "number": offset.number,
-                "geometry_mm": offset.geometry.xyz,
-                "wear_mm": offset.wear.xyz,
+                "geometry": offset.geometry.xyz,
+                "wear": offset.wear.xyz,
                 "assumed": offset.assumed,
             }),
         ),
@@ -62,7 +62,8 @@ pub fn of_step(step: &Step) -> Option<(&'static str, Detail)> {
             "frame",
             json!({
                 "name": frame.name,
-                "machine_from_setup": of_frame(&frame.machine_from_setup),
+                "origin": frame.machine_from_setup.origin,
+                "rotation": frame.machine_from_setup.rotation,
                 "assumed": frame.assumed,
             }),
         ),
@@ -114,16 +115,10 @@ pub fn level_word(level: Level) -> &'static str {
     }
 }
 
-/// A frame as it stands in an event.
-pub fn of_frame(machine_from_setup: &Transform<Machine, Setup>) -> Value {
-    json!({ "rotation": machine_from_setup.rotation, "origin": machine_from_setup.origin })
-}
-
 /// Reads a frame back from a `frame` event's data; `None` when it is not there or not a frame.
 pub fn frame_of(detail: &Detail) -> Option<Transform<Machine, Setup>> {
-    let frame = detail.get("machine_from_setup")?;
-    let mut read = Transform::shift(numbers(frame.get("origin")?)?);
-    let rows = frame.get("rotation")?.as_array()?;
+    let mut read = Transform::shift(numbers(detail.get("origin")?)?);
+    let rows = detail.get("rotation")?.as_array()?;
     for (row, value) in read.rotation.iter_mut().zip(rows) {
         *row = numbers(value)?;
     }
@@ -133,7 +128,7 @@ pub fn frame_of(detail: &Detail) -> Option<Transform<Machine, Setup>> {
 /// Reads geometry and wear back from a `tool-offset` event's data; `None` when they are not there.
 pub fn tool_offset_of(detail: &Detail) -> Option<(Vector<Machine>, Vector<Machine>)> {
     let read = |name: &str| Some(Vector::from_xyz(numbers(detail.get(name)?)?));
-    Some((read("geometry_mm")?, read("wear_mm")?))
+    Some((read("geometry")?, read("wear")?))
 }
 
 fn numbers(value: &Value) -> Option<[f64; 3]> {

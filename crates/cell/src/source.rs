@@ -1,27 +1,20 @@
 //! Where the office half gets its commands: a planner over a program, or a job that is still being written.
 
-use machine::Command;
-use plan::{Alarm, Answer, Question, Step};
+use motion::Trajectory;
+use plan::Answer;
 
-/// What a source says when asked to go on.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Output {
-    /// Do this next.
-    Command(Command),
-    /// A step that is no motion begins here: comes just before the commands it causes.
-    Passed(Step),
-    /// Answer this when everything before is done and the machine stands.
-    Ask(Question),
-    /// Nothing follows.
-    End,
-    /// The program cannot go on.
-    Alarm(Alarm),
-}
+pub use motion::Output;
 
 /// A stream of commands in order of execution.
 pub trait CommandSource {
     /// The next thing. `answer` is `Some` just after an [`Output::Ask`], and only then.
     fn next(&mut self, answer: Option<Answer>) -> Output;
+}
+
+impl CommandSource for Trajectory<'_> {
+    fn next(&mut self, answer: Option<Answer>) -> Output {
+        Trajectory::next(self, answer)
+    }
 }
 
 impl<S: CommandSource + ?Sized> CommandSource for Box<S> {
