@@ -43,6 +43,7 @@ pub(crate) fn by_position(plan: &PlannedProgram, flat: &mut Flat, spots: &[Spot]
         .collect();
     loose_rapids(plan, flat, spots, &hits, &mut labels);
     borders(plan, flat, spots, &hits, noise, &mut labels);
+    ends(flat, spots, &hits, noise, &mut labels);
     labels
 }
 
@@ -204,8 +205,7 @@ fn borders(plan: &PlannedProgram, flat: &Flat, spots: &[Spot], hits: &[Option<Hi
     if all.is_empty() {
         return;
     }
-    // Curved paths bend between samples: that is not noise.
-    let near = 4.0 * noise.min(0.01) + 0.002;
+    let near = near(noise);
     // The border that a sample lies at, if any.
     let at_border = |k: usize| -> Option<usize> {
         let hit = hits[k]?;
@@ -277,6 +277,44 @@ fn borders(plan: &PlannedProgram, flat: &Flat, spots: &[Spot], hits: &[Option<Hi
             };
         }
     }
+}
+
+/// Standing at the first place of the plan before it begins, and at its last after it has ended, is on no toolpath.
+fn ends(flat: &Flat, spots: &[Spot], hits: &[Option<Hit>], noise: f64, labels: &mut [Label]) {
+    let near = near(noise);
+    let (Some(first), Some(last)) = (hits.iter().position(Option::is_some), hits.iter().rposition(Option::is_some)) else {
+        return;
+    };
+    let at = |k: usize, s: f64| hits[k].is_some_and(|hit| (flat.s_at(&hit) - s).abs() <= near && hit.distance <= near);
+    let begun = (first..=last).find(|k| !at(*k, 0.0)).unwrap_or(last);
+    let departure = hits[begun].map_or(spots[begun].time, |hit| {
+        spots[begun].time - pace(flat, spots, hits, begun) * flat.time_at(&hit)
+    });
+    for k in first..begun {
+        if spots[k].time < departure {
+            labels[k] = Label::Between;
+        }
+    }
+    let ended = (first..=last).rfind(|k| !at(*k, flat.length())).unwrap_or(first);
+    let whole = Hit {
+        chord: flat.chords.len() as u32 - 1,
+        t: 1.0,
+        distance: 0.0,
+    };
+    let arrival = hits[ended].map_or(spots[ended].time, |hit| {
+        spots[ended].time + pace(flat, spots, hits, ended.wrapping_sub(1)) * (flat.time_at(&whole) - flat.time_at(&hit))
+    });
+    for k in ended + 1..=last {
+        if spots[k].time > arrival {
+            labels[k] = Label::Between;
+        }
+    }
+}
+
+/// Along the path, samples this near to a border may be on either side of it.
+fn near(noise: f64) -> f64 {
+    // Curved paths bend between samples: that is not noise.
+    4.0 * noise.min(0.01) + 0.002
 }
 
 /// A stop at a border that lasts longer is a stop of its own (a tool change, a spindle start), not the corner between two moves, s.

@@ -13,6 +13,7 @@
 
 mod align;
 mod coarse;
+pub mod compare;
 mod curve;
 mod flat;
 mod labels;
@@ -25,6 +26,7 @@ mod shift;
 mod speed;
 mod vec3;
 
+pub use compare::compare;
 pub use planned::{PlanEnd, PlanOptions, PlannedProgram, PlannedSegment, PlannedToolpath, PlannedWorkingstep};
 pub use rebuild::{DEFAULT_TOLERANCE, Options, Rebuild, rebuild};
 pub use recording::{InForce, RecordFrame, RecordGap, RecordPoint, Recording, Setting};

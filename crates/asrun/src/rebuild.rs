@@ -450,7 +450,7 @@ fn deviation(distances: &[f64]) -> Option<Deviation> {
 
 /// Distance of a tip from the planned path of its toolpath. At an end of it the neighbours count too: in a blended corner the machine is
 /// on neither.
-fn off_path(plan: &PlannedProgram, flat: &Flat, toolpath: usize, tip: V3) -> Option<f64> {
+fn off_path(plan: &PlannedProgram, flat: &Flat, toolpath: usize, tip: V3) -> Option<Off> {
     let own = foot(plan, flat, toolpath, tip)?;
     let mut least = own.distance;
     if own.at_end {
@@ -463,11 +463,23 @@ fn off_path(plan: &PlannedProgram, flat: &Flat, toolpath: usize, tip: V3) -> Opt
             }
         }
     }
-    Some(least)
+    Some(Off {
+        distance: least,
+        segment: own.segment,
+    })
+}
+
+/// How far a sample is from its path, and which move it is on.
+#[derive(Clone, Copy)]
+struct Off {
+    distance: f64,
+    /// `None` in a dwell.
+    segment: Option<u32>,
 }
 
 struct PathFoot {
     distance: f64,
+    segment: Option<u32>,
     place: V3,
     direction: V3,
     /// The nearest place is the toolpath's first or last.
@@ -481,6 +493,7 @@ fn foot(plan: &PlannedProgram, flat: &Flat, toolpath: usize, tip: V3) -> Option<
         let place = plan.toolpaths[toolpath].place?.xyz;
         return Some(PathFoot {
             distance: distance(place, tip),
+            segment: None,
             place,
             direction: [0.0; 3],
             at_end: true,
@@ -495,6 +508,7 @@ fn foot(plan: &PlannedProgram, flat: &Flat, toolpath: usize, tip: V3) -> Option<
     let last = hit.chord as usize + 1 == range.end && u >= chord.u[1] - 1e-9;
     Some(PathFoot {
         distance: off,
+        segment: Some(chord.segment),
         place: path.at(u).xyz,
         direction: curve::direction(path, u).unwrap_or_default(),
         at_end: first || last,
@@ -562,7 +576,7 @@ pub(crate) fn judge(plan: &PlannedProgram, samples: &[Sample], context: Context<
         samples.first().map_or(Timestamp(0), |s| s.at),
         samples.last().map_or(Timestamp(0), |s| s.at),
     );
-    let distances: Vec<Option<f64>> = samples
+    let offs: Vec<Option<Off>> = samples
         .iter()
         .map(|sample| {
             sample
@@ -571,6 +585,7 @@ pub(crate) fn judge(plan: &PlannedProgram, samples: &[Sample], context: Context<
                 .and_then(|toolpath| off_path(plan, &flat, toolpath, sample.tip))
         })
         .collect();
+    let distances: Vec<Option<f64>> = offs.iter().map(|off| off.map(|off| off.distance)).collect();
     let passes = passes(plan, samples);
     let mut executed: Vec<ExecutedWorkingstep> = Vec::new();
     let mut reports: Vec<WorkingstepReport> = Vec::new();
@@ -646,7 +661,7 @@ pub(crate) fn judge(plan: &PlannedProgram, samples: &[Sample], context: Context<
                 d.p95.0, tolerance.0, worst.dev_mm, worst.toolpath, worst.time_s
             ));
         }
-        let feed_ratio = feed_ratio(plan, samples, pass);
+        let feed_ratio = feed_ratio(plan, samples, &offs, pass);
         if let Some(ratio) = feed_ratio.filter(|r| (r - 1.0).abs() > 0.05) {
             late_findings.push(format!(
                 "workingstep '{name}' ran at {:.0} % of the planned feed",
@@ -657,7 +672,7 @@ pub(crate) fn judge(plan: &PlannedProgram, samples: &[Sample], context: Context<
         reports.push(WorkingstepReport {
             name: name.clone(),
             id: planned.entity,
-            executed: true,
+            executed: !feed.is_empty() || !has_feed(plan, pass.workingstep),
             time_planned_s: Some(planned.time.0),
             time_real_s: Some(last.since(first).0),
             dev_max_mm: deviation_here.map(|d| d.max.0),
@@ -825,6 +840,13 @@ fn not_executed(
     }
 }
 
+fn has_feed(plan: &PlannedProgram, workingstep: usize) -> bool {
+    plan.workingsteps[workingstep]
+        .toolpaths
+        .iter()
+        .any(|t| plan.toolpaths[*t].kind == PathKind::Feed)
+}
+
 fn has_motion(plan: &PlannedProgram, workingstep: usize) -> bool {
     plan.workingsteps[workingstep]
         .toolpaths
@@ -864,26 +886,23 @@ fn executed_toolpath(
 }
 
 /// Real over planned feed: the median over samples whose neighbours are on the same move.
-fn feed_ratio(plan: &PlannedProgram, samples: &[Sample], pass: &Pass) -> Option<f64> {
+fn feed_ratio(plan: &PlannedProgram, samples: &[Sample], offs: &[Option<Off>], pass: &Pass) -> Option<f64> {
     let mut ratios = Vec::new();
     for (toolpath, indices) in &pass.runs {
-        let planned = &plan.toolpaths[*toolpath];
-        if planned.kind != PathKind::Feed {
+        if plan.toolpaths[*toolpath].kind != PathKind::Feed {
             continue;
         }
-        let moves = &plan.segments[planned.segments.clone()];
-        let (slow, fast) = moves
-            .iter()
-            .map(|m| m.speed.0)
-            .fold((f64::INFINITY, 0.0), |(s, f): (f64, f64), v| (s.min(v), f.max(v)));
-        if slow <= 0.0 || fast > slow * 1.01 {
-            continue; // several feeds on one path: which one a sample ran at is not looked at
-        }
         for pair in indices.windows(2).filter(|w| w[1] == w[0] + 1) {
+            let (Some(from), Some(to)) = (offs[pair[0]], offs[pair[1]]) else {
+                continue;
+            };
+            let Some(segment) = from.segment.filter(|s| Some(*s) == to.segment) else {
+                continue;
+            };
             let (a, b) = (&samples[pair[0]], &samples[pair[1]]);
             let dt = b.time - a.time;
             if dt > 0.0 {
-                ratios.push(distance(a.tip, b.tip) / dt / slow);
+                ratios.push(distance(a.tip, b.tip) / dt / plan.segments[segment as usize].speed.0);
             }
         }
     }
@@ -923,7 +942,7 @@ fn shift_of(plan: &PlannedProgram, flat: &Flat, samples: &[Sample], feed: &[usiz
     let after: Vec<f64> = chosen
         .iter()
         .zip(&tips)
-        .filter_map(|(k, tip)| off_path(plan, flat, samples[*k].label.toolpath()?, sub(*tip, shift)))
+        .filter_map(|(k, tip)| Some(off_path(plan, flat, samples[*k].label.toolpath()?, sub(*tip, shift))?.distance))
         .collect();
     let after = deviation(&after)?;
     (length(shift) > 0.004 && after.p95.0 < 0.5 * before.p95.0).then_some(Shift {
@@ -956,8 +975,16 @@ fn coverage(
         }
         let name = &planned.name;
         let own: Vec<usize> = (0..passes.len()).filter(|p| passes[*p].workingstep == at).collect();
-        if own.is_empty() {
+        // Rapids alone do no work: the machine may have passed there on its way.
+        let worked = planned
+            .toolpaths
+            .iter()
+            .any(|t| seen[*t] && plan.toolpaths[*t].kind == PathKind::Feed);
+        if own.is_empty() || (has_feed(plan, at) && !worked) {
             missing = true;
+            for p in own {
+                executed[p].exception = Some("not executed: no feed move was recorded".to_owned());
+            }
             findings.push(format!("workingstep '{name}' was not executed"));
             continue;
         }

@@ -44,7 +44,8 @@ impl Timestamp {
     }
     /// The duration from `earlier` to `self`, negative when `earlier` is later.
     pub fn since(self, earlier: Timestamp) -> Seconds {
-        Seconds((self.0 - earlier.0) as f64 * 1e-9)
+        // A damaged record may hold times centuries apart.
+        Seconds((i128::from(self.0) - i128::from(earlier.0)) as f64 * 1e-9)
     }
     /// Whole microseconds, the resolution of the record's time column.
     pub fn micros(self) -> i64 {
@@ -54,7 +55,7 @@ impl Timestamp {
 impl Add<Seconds> for Timestamp {
     type Output = Timestamp;
     fn add(self, duration: Seconds) -> Timestamp {
-        Timestamp(self.0 + libm::round(duration.0 * 1e9) as i64)
+        Timestamp(self.0.saturating_add(libm::round(duration.0 * 1e9) as i64))
     }
 }
 

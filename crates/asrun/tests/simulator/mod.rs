@@ -351,15 +351,14 @@ pub fn run_with(script: &Script, ratio: f64, acceleration: f64) -> Vec<Truth> {
             }
             StepKind::Tool(_) => {
                 flush(&mut breath, &machine_from_setup, offset, &mut truth, acceleration);
-                let last = truth
-                    .last()
-                    .map_or((tip.xyz, gauge_of(&machine_from_setup, offset, tip)), |t| (t.tip, t.gauge));
-                truth.extend((0..2000).map(|_| Truth {
-                    tip: last.0,
-                    gauge: last.1,
-                    step: step.id,
-                    kind: None,
-                }));
+                // Before the first move nobody knows where the machine stands.
+                if let Some(last) = truth.last().copied() {
+                    truth.extend((0..2000).map(|_| Truth {
+                        step: step.id,
+                        kind: None,
+                        ..last
+                    }));
+                }
             }
             StepKind::ToolOffset(o) => {
                 flush(&mut breath, &machine_from_setup, offset, &mut truth, acceleration);
