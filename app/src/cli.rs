@@ -76,7 +76,9 @@ pub enum Command {
     /// Plan a program's motion and write the set-points, 1 ms apart.
     Plan(PlanArgs),
     /// Rebuild what happened from a record: cut it into the plan's workingsteps and write an as-executed STEP-NC file.
-    #[command(override_usage = "toolmark rebuild <PLAN> <RECORD> --out <F.stpnc>\n       toolmark rebuild --no-plan <RECORD> --out <F.stpnc>")]
+    #[command(
+        override_usage = "toolmark rebuild <PLAN> <RECORD> --out <F.stpnc>\n       toolmark rebuild --no-plan <RECORD> --out <F.stpnc>"
+    )]
     Rebuild(RebuildArgs),
     /// Hold an as-executed STEP-NC file against its plan; one file may hold both.
     Compare(CompareArgs),
@@ -150,9 +152,6 @@ pub struct RunArgs {
     /// JITTER milliseconds.
     #[arg(long, value_name = "MS[,JITTER]")]
     pub as_mtconnect: Option<String>,
-    /// Take the program up at this step.
-    #[arg(long, value_name = "STEP")]
-    pub from: Option<u32>,
     /// Verdict: deviation allowed where the program gives none, mm.
     #[arg(long, value_name = "MM")]
     pub tolerance: Option<f64>,

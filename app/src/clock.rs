@@ -1,7 +1,6 @@
 //! The only place that reads a real clock, and the words for times.
 
 use crate::failure::Failure;
-use jiff_std::tz::TimeZone;
 use units::Timestamp;
 
 /// The start of a run: what `--start` says, else now.
@@ -12,28 +11,25 @@ pub fn start_time(given: Option<&str>) -> Result<Timestamp, Failure> {
     match given {
         None => nanoseconds(jiff_std::Timestamp::now()),
         Some(text) => {
-            let parsed: jiff_std::Timestamp = text.parse().map_err(|error| {
-                Failure::usage(format_args!("--start {text}: {error}; write it like 2026-11-21T08:30:00Z"))
-            })?;
+            let parsed: jiff_std::Timestamp = text
+                .parse()
+                .map_err(|error| Failure::usage(format_args!("--start {text}: {error}; write it like 2026-11-21T08:30:00Z")))?;
             nanoseconds(parsed)
         }
     }
 }
 
 fn nanoseconds(at: jiff_std::Timestamp) -> Result<Timestamp, Failure> {
-    i64::try_from(at.as_nanosecond())
-        .map(Timestamp)
-        .map_err(|_| Failure::usage(format_args!("the time {at} is outside the years 1678 to 2261 that records can hold")))
+    i64::try_from(at.as_nanosecond()).map(Timestamp).map_err(|_| {
+        Failure::usage(format_args!(
+            "the time {at} is outside the years 1678 to 2261 that records can hold"
+        ))
+    })
 }
 
 /// UTC, for files: `2026-11-21T08:30:00.25Z`.
 pub fn utc(at: Timestamp) -> String {
     instant(at).to_string()
-}
-
-/// The person's own time zone, for the screen: `2026-11-21 09:30:00 +01:00`.
-pub fn local(at: Timestamp) -> String {
-    instant(at).to_zoned(TimeZone::system()).strftime("%Y-%m-%d %H:%M:%S %:z").to_string()
 }
 
 fn instant(at: Timestamp) -> jiff_std::Timestamp {
@@ -53,6 +49,10 @@ mod tests {
     #[test]
     fn a_start_that_is_no_time_says_how_to_write_one() {
         let failure = start_time(Some("tomorrow")).expect_err("no time");
-        assert!(failure.message.contains("write it like 2026-11-21T08:30:00Z"), "{}", failure.message);
+        assert!(
+            failure.message.contains("write it like 2026-11-21T08:30:00Z"),
+            "{}",
+            failure.message
+        );
     }
 }

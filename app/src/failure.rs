@@ -34,23 +34,38 @@ pub struct Failure {
 impl Failure {
     /// The command was called wrongly.
     pub fn usage(message: impl fmt::Display) -> Self {
-        Failure { exit: Exit::Usage, message: format!("error: {message}") }
+        Failure {
+            exit: Exit::Usage,
+            message: format!("error: {message}"),
+        }
     }
     /// An input cannot be read.
     pub fn unreadable(message: impl fmt::Display) -> Self {
-        Failure { exit: Exit::Unreadable, message: format!("error: {message}") }
+        Failure {
+            exit: Exit::Unreadable,
+            message: format!("error: {message}"),
+        }
     }
     /// The machine, the network, the disk or a lock.
     pub fn machine(message: impl fmt::Display) -> Self {
-        Failure { exit: Exit::Machine, message: format!("error: {message}") }
+        Failure {
+            exit: Exit::Machine,
+            message: format!("error: {message}"),
+        }
     }
     /// The work was done and its outcome is bad.
     pub fn negative(message: impl fmt::Display) -> Self {
-        Failure { exit: Exit::Negative, message: message.to_string() }
+        Failure {
+            exit: Exit::Negative,
+            message: message.to_string(),
+        }
     }
     /// A file could not be written.
     pub fn writing(path: &std::path::Path, error: impl fmt::Display) -> Self {
-        Failure::machine(format_args!("{} cannot be written: {error}; check the folder and the free space", path.display()))
+        Failure::machine(format_args!(
+            "{} cannot be written: {error}; check the folder and the free space",
+            path.display()
+        ))
     }
 }
 

@@ -22,7 +22,10 @@ impl FileSource {
         if metadata.is_dir() {
             return Err(std::io::Error::new(std::io::ErrorKind::IsADirectory, "it is a folder"));
         }
-        Ok(FileSource { file, length: metadata.len() })
+        Ok(FileSource {
+            file,
+            length: metadata.len(),
+        })
     }
 }
 
@@ -52,7 +55,9 @@ pub struct FolderResolver {
 impl FolderResolver {
     /// The folder of `program`.
     pub fn beside(program: &Path) -> FolderResolver {
-        FolderResolver { folder: program.parent().map(Path::to_path_buf).unwrap_or_default() }
+        FolderResolver {
+            folder: program.parent().map(Path::to_path_buf).unwrap_or_default(),
+        }
     }
 }
 

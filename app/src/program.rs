@@ -42,11 +42,16 @@ impl Program {
     /// # Errors
     /// There is no such file, it cannot be read as a program, or `dialect` is unknown.
     pub fn open(path: &Path, dialect: Option<&str>, machine: Option<&MachineFile>) -> Result<Program, Failure> {
-        let name = path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
+        let name = path
+            .file_name()
+            .map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
         let unreadable = |error: &dyn std::fmt::Display| Failure::unreadable(format_args!("{}: {error}", path.display()));
         let mut source = FileSource::open(path).map_err(|e| unreadable(&e))?;
         if source.length() == 0 {
-            return Err(Failure::unreadable(format_args!("{}:1:1: the file is empty; a program was expected", path.display())));
+            return Err(Failure::unreadable(format_args!(
+                "{}:1:1: the file is empty; a program was expected",
+                path.display()
+            )));
         }
         let mut head = vec![0; 4096];
         let count = source.read_at(0, &mut head).map_err(|e| unreadable(&e))?;
@@ -54,9 +59,14 @@ impl Program {
         if is_part21(&head) || has_step_ending(path) {
             let bytes = whole(&mut source).map_err(|e| unreadable(&e))?;
             let hash = Hash::of(&bytes);
-            let program = stepnc::Program::read(&name, bytes)
-                .map_err(|e| Failure::unreadable(format_args!("{}: {e}", path.display())))?;
-            return Ok(Program { path: path.to_owned(), name, hash, kind: Kind::StepNc(Arc::new(program)) });
+            let program =
+                stepnc::Program::read(&name, bytes).map_err(|e| Failure::unreadable(format_args!("{}: {e}", path.display())))?;
+            return Ok(Program {
+                path: path.to_owned(),
+                name,
+                hash,
+                kind: Kind::StepNc(Arc::new(program)),
+            });
         }
         let (profile, because) = match (dialect, machine.and_then(|m| m.control)) {
             (Some(wanted), _) => {
@@ -67,8 +77,12 @@ impl Program {
                 (known, "given by --dialect".to_owned())
             }
             (None, Some(control)) => {
-                let known = gcode::profile::by_name(control.word())
-                    .ok_or_else(|| Failure::usage(format_args!("the control '{}' of the machine file is unknown", control.word())))?;
+                let known = gcode::profile::by_name(control.word()).ok_or_else(|| {
+                    Failure::usage(format_args!(
+                        "the control '{}' of the machine file is unknown",
+                        control.word()
+                    ))
+                })?;
                 (known, "the machine file says so".to_owned())
             }
             (None, None) => {
@@ -77,7 +91,12 @@ impl Program {
             }
         };
         let hash = hash_of(&mut source).map_err(|e| unreadable(&e))?;
-        Ok(Program { path: path.to_owned(), name, hash, kind: Kind::Gcode { profile, because } })
+        Ok(Program {
+            path: path.to_owned(),
+            name,
+            hash,
+            kind: Kind::Gcode { profile, because },
+        })
     }
 
     /// The program as a stream from its beginning.
@@ -87,7 +106,10 @@ impl Program {
     pub fn stream(&self, tables: &Tables) -> Result<Box<dyn ProgramStream>, Failure> {
         match &self.kind {
             Kind::StepNc(program) => {
-                let options = StreamOptions { tables: tables.clone(), ..StreamOptions::default() };
+                let options = StreamOptions {
+                    tables: tables.clone(),
+                    ..StreamOptions::default()
+                };
                 Ok(Box::new(StepNcStream::new(Arc::clone(program), options)))
             }
             Kind::Gcode { .. } => Ok(Box::new(self.gcode(tables)?)),
@@ -105,8 +127,18 @@ impl Program {
         let source =
             FileSource::open(&self.path).map_err(|e| Failure::unreadable(format_args!("{}: {e}", self.path.display())))?;
         let resolver = Box::new(FolderResolver::beside(&self.path));
-        GcodeProgram::open(Box::new(source), &self.name, profile, resolver, tables.clone(), gcode::Options::default())
-            .map_err(|found| Failure { exit: crate::failure::Exit::Unreadable, message: found.to_string() })
+        GcodeProgram::open(
+            Box::new(source),
+            &self.name,
+            profile,
+            resolver,
+            tables.clone(),
+            gcode::Options::default(),
+        )
+        .map_err(|found| Failure {
+            exit: crate::failure::Exit::Unreadable,
+            message: found.to_string(),
+        })
     }
 
     /// True when the program turns: it is a lathe's.
@@ -140,7 +172,11 @@ impl Program {
 /// There is no such machine file, or it is one that this command cannot drive.
 pub fn machine_for(wanted: &str, turns: bool) -> Result<MachineFile, Failure> {
     if wanted == "sim" {
-        return Ok(MachineFile::simulated(if turns { MachineKind::Lathe } else { MachineKind::Mill }));
+        return Ok(MachineFile::simulated(if turns {
+            MachineKind::Lathe
+        } else {
+            MachineKind::Mill
+        }));
     }
     if wanted.contains("://") {
         return Err(Failure::usage(format_args!(
@@ -155,7 +191,11 @@ pub fn machine_for(wanted: &str, turns: bool) -> Result<MachineFile, Failure> {
 /// # Errors
 /// There is no such machine file.
 pub fn named_machine(wanted: &str) -> Result<Option<MachineFile>, Failure> {
-    if wanted == "sim" { Ok(None) } else { machine_for(wanted, false).map(Some) }
+    if wanted == "sim" {
+        Ok(None)
+    } else {
+        machine_for(wanted, false).map(Some)
+    }
 }
 
 fn is_part21(head: &[u8]) -> bool {
@@ -165,7 +205,10 @@ fn is_part21(head: &[u8]) -> bool {
 }
 
 fn has_step_ending(path: &Path) -> bool {
-    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let ending = path
+        .extension()
+        .map(|e| e.to_string_lossy().to_lowercase())
+        .unwrap_or_default();
     ["stpnc", "stp", "step", "p21", "238"].contains(&ending.as_str())
 }
 

@@ -14,7 +14,12 @@ pub struct Progress {
 impl Progress {
     /// Nothing is shown before the work has taken a quarter of a second.
     pub fn new(what: &'static str) -> Progress {
-        Progress { what, began: Instant::now(), last: None, shown: stderr().is_terminal() }
+        Progress {
+            what,
+            began: Instant::now(),
+            last: None,
+            shown: stderr().is_terminal(),
+        }
     }
 
     /// Says how far it is; cheap enough to be called often.

@@ -46,7 +46,10 @@ fn main() -> ExitCode {
 
 /// Every crate that is built into the program has a licence that fits.
 fn licences() -> ExitCode {
-    let output = Command::new("cargo").args(["metadata", "--format-version", "1", "--locked"]).stderr(Stdio::inherit()).output();
+    let output = Command::new("cargo")
+        .args(["metadata", "--format-version", "1", "--locked"])
+        .stderr(Stdio::inherit())
+        .output();
     let Ok(output) = output else {
         eprintln!("cargo metadata could not be started");
         return ExitCode::FAILURE;
@@ -61,17 +64,25 @@ fn licences() -> ExitCode {
         let licence = package["license"].as_str().unwrap_or("");
         if !fits(licence) {
             bad += 1;
-            eprintln!("{} {}: licence '{licence}' is not on the list in xtask", package["name"], package["version"]);
+            eprintln!(
+                "{} {}: licence '{licence}' is not on the list in xtask",
+                package["name"], package["version"]
+            );
         }
     }
     println!("licences: {} crates looked at, {bad} do not fit", packages.len());
-    if bad == 0 && !packages.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+    if bad == 0 && !packages.is_empty() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    }
 }
 
 /// One alternative of an OR is enough; every part of an AND must fit. `/` is the old way to write OR.
 fn fits(expression: &str) -> bool {
     let flat = expression.replace(['(', ')'], " ").replace('/', " OR ");
-    flat.split(" AND ").all(|part| part.split(" OR ").any(|licence| ALLOWED.contains(&licence.trim())))
+    flat.split(" AND ")
+        .all(|part| part.split(" OR ").any(|licence| ALLOWED.contains(&licence.trim())))
 }
 
 fn soak(name: &str) -> ExitCode {
@@ -81,7 +92,9 @@ fn soak(name: &str) -> ExitCode {
     };
     let count = std::env::var(variable).ok().and_then(|v| v.parse().ok()).unwrap_or(*count);
     let commit = Command::new("git").args(["rev-parse", "--short", "HEAD"]).output();
-    let commit = commit.map(|o| String::from_utf8_lossy(&o.stdout).trim().to_owned()).unwrap_or_default();
+    let commit = commit
+        .map(|o| String::from_utf8_lossy(&o.stdout).trim().to_owned())
+        .unwrap_or_default();
     let began = Instant::now();
     let status = Command::new("cargo")
         .args(["test", "--release", "-p", package, "--", test, "--nocapture"])

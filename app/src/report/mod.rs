@@ -1,3 +1,91 @@
-//! Reports for people: one HTML file that needs nothing else, and the pictures in it.
+//! Reports for people: lines on the screen, and one HTML file that needs nothing else, with its numbers beside it as JSON.
 
+mod page;
 pub mod plot;
+
+use crate::cli::DisplayUnits;
+use crate::execution;
+use crate::failure::Failure;
+use crate::say;
+use asrun::{Report, ToleranceSource, Verdict, WorkingstepReport};
+use std::path::Path;
+use units::MM_PER_INCH;
+
+/// What a report page tells.
+pub struct Page<'a> {
+    /// The program; empty when there was none.
+    pub program: &'a str,
+    /// The machine, or where the record came from.
+    pub machine: &'a str,
+    /// How the run ended, when we ran it.
+    pub ended: Option<String>,
+    /// What proves it: hashes, seed, start.
+    pub provenance: Vec<(String, String)>,
+    /// The numbers.
+    pub report: &'a Report,
+}
+
+/// Writes `report.html` and `report.json` into a folder.
+///
+/// # Errors
+/// A file cannot be written.
+pub fn write(page: &Page<'_>, folder: &Path) -> Result<(), Failure> {
+    let json =
+        serde_json::to_vec_pretty(page.report).map_err(|e| Failure::machine(format_args!("the report is no JSON: {e}")))?;
+    execution::write(&folder.join("report.json"), &json)?;
+    execution::write(&folder.join("report.html"), page::html(page).as_bytes())
+}
+
+/// The report as lines on the screen.
+pub fn print(report: &Report, units: DisplayUnits) {
+    let (scale, unit, digits) = match units {
+        DisplayUnits::Mm => (1.0, "mm", 3),
+        DisplayUnits::Inch => (1.0 / MM_PER_INCH, "inch", 4),
+    };
+    let length = |mm: Option<f64>| mm.map_or_else(|| "-".to_owned(), |v| format!("{:.digits$}", v * scale));
+    let time = |s: Option<f64>| s.map_or_else(|| "-".to_owned(), |v| format!("{v:.1}"));
+    if !report.workingsteps.is_empty() {
+        say(&format!(
+            "  {:24} {:>8} {:>8} {:>9} {:>9} {:>9} {:>9}  verdict",
+            "workingstep", "plan s", "real s", "p95", "max", "rms", "allowed"
+        ));
+    }
+    for w in &report.workingsteps {
+        say(&format!(
+            "  {:24} {:>8} {:>8} {:>9} {:>9} {:>9} {:>9}  {}",
+            shortened(&w.name, 24),
+            time(w.time_planned_s),
+            time(w.time_real_s),
+            length(w.dev_p95_mm),
+            length(w.dev_max_mm),
+            length(w.dev_rms_mm),
+            length(Some(w.tolerance_mm)),
+            verdict_of(w)
+        ));
+    }
+    say(&format!(
+        "  {} samples ({} unmatched), {} feed runs, {} rapid runs; deviations in {unit}",
+        report.samples, report.unmatched, report.feed_runs, report.rapid_runs
+    ));
+    for finding in &report.findings {
+        say(&format!("  finding: {finding}"));
+    }
+    say(&format!("  verdict: {}", report.verdict.word()));
+}
+
+fn verdict_of(w: &WorkingstepReport) -> String {
+    let word = w.verdict.word();
+    if w.verdict != Verdict::NotJudged && w.tolerance_source == ToleranceSource::Default {
+        format!("{word} (tolerance is the default)")
+    } else {
+        word.to_owned()
+    }
+}
+
+fn shortened(text: &str, most: usize) -> String {
+    if text.chars().count() <= most {
+        text.to_owned()
+    } else {
+        text.chars().take(most - 1).chain(['…']).collect()
+    }
+}

@@ -37,7 +37,9 @@ const BOTTOM: f64 = 44.0;
 impl Plot<'_> {
     /// The picture as an SVG element; empty when there is nothing to draw.
     pub fn svg(&self) -> String {
-        let Some((mut low, mut high)) = self.bounds() else { return String::new() };
+        let Some((mut low, mut high)) = self.bounds() else {
+            return String::new();
+        };
         if self.from_zero {
             low[1] = low[1].min(0.0);
         }
@@ -71,16 +73,30 @@ impl Plot<'_> {
         let x = |v: f64| LEFT + (v - low[0]) / (high[0] - low[0]) * inner_width;
         let y = |v: f64| TOP + (high[1] - v) / (high[1] - low[1]) * inner_height;
 
-        let mut svg = format!("<svg viewBox='0 0 {WIDTH} {height:.0}' role='img' aria-label='{}'>", escape(self.title));
+        let mut svg = format!(
+            "<svg viewBox='0 0 {WIDTH} {height:.0}' role='img' aria-label='{}'>",
+            escape(self.title)
+        );
         for tick in ticks(low[0], high[0], 8) {
             let at = x(tick.value);
             let _ = write!(svg, "<path class='grid' d='M{at:.1} {TOP}V{:.1}'/>", height - BOTTOM);
-            let _ = write!(svg, "<text x='{at:.1}' y='{:.1}' text-anchor='middle'>{}</text>", height - BOTTOM + 16.0, tick.label);
+            let _ = write!(
+                svg,
+                "<text x='{at:.1}' y='{:.1}' text-anchor='middle'>{}</text>",
+                height - BOTTOM + 16.0,
+                tick.label
+            );
         }
         for tick in ticks(low[1], high[1], 6) {
             let at = y(tick.value);
             let _ = write!(svg, "<path class='grid' d='M{LEFT} {at:.1}H{:.1}'/>", WIDTH - RIGHT);
-            let _ = write!(svg, "<text x='{:.1}' y='{:.1}' text-anchor='end'>{}</text>", LEFT - 6.0, at + 4.0, tick.label);
+            let _ = write!(
+                svg,
+                "<text x='{:.1}' y='{:.1}' text-anchor='end'>{}</text>",
+                LEFT - 6.0,
+                at + 4.0,
+                tick.label
+            );
         }
         let _ = write!(
             svg,
@@ -107,7 +123,11 @@ impl Plot<'_> {
             }
         }
         svg.push_str("</svg>");
-        let named: Vec<_> = self.series.iter().filter(|s| !s.name.is_empty() && s.pieces.iter().any(|p| !p.is_empty())).collect();
+        let named: Vec<_> = self
+            .series
+            .iter()
+            .filter(|s| !s.name.is_empty() && s.pieces.iter().any(|p| !p.is_empty()))
+            .collect();
         if !named.is_empty() {
             svg.push_str("<p class='legend'>");
             for s in named {
@@ -124,7 +144,11 @@ impl Plot<'_> {
     }
 
     fn bounds(&self) -> Option<([f64; 2], [f64; 2])> {
-        let mut points = self.series.iter().flat_map(|s| s.pieces.iter().flatten()).filter(|p| p[0].is_finite() && p[1].is_finite());
+        let mut points = self
+            .series
+            .iter()
+            .flat_map(|s| s.pieces.iter().flatten())
+            .filter(|p| p[0].is_finite() && p[1].is_finite());
         let first = *points.next()?;
         Some(points.fold((first, first), |(low, high), p| {
             ([low[0].min(p[0]), low[1].min(p[1])], [high[0].max(p[0]), high[1].max(p[1])])
@@ -141,14 +165,21 @@ struct AxisTick {
 fn ticks(low: f64, high: f64, most: usize) -> Vec<AxisTick> {
     let rough = (high - low) / most as f64;
     let power = 10f64.powf(rough.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= rough).unwrap_or(power * 10.0);
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .into_iter()
+        .map(|m| m * power)
+        .find(|s| *s >= rough)
+        .unwrap_or(power * 10.0);
     let decimals = (-step.log10().floor()).clamp(0.0, 9.0) as usize;
     let first = (low / step).ceil() as i64;
     let last = (high / step).floor() as i64;
     (first..=last.min(first + 50))
         .map(|k| {
             let value = k as f64 * step;
-            AxisTick { value, label: format!("{value:.decimals$}") }
+            AxisTick {
+                value,
+                label: format!("{value:.decimals$}"),
+            }
         })
         .collect()
 }
@@ -186,7 +217,11 @@ mod tests {
             title: "<script>",
             x_label: "x",
             y_label: "y",
-            series: vec![Series { name: "<b>", class: "run", pieces: vec![vec![[0.0, 0.0], [1.0, 1.0]]] }],
+            series: vec![Series {
+                name: "<b>",
+                class: "run",
+                pieces: vec![vec![[0.0, 0.0], [1.0, 1.0]]],
+            }],
             same_scale: true,
             from_zero: false,
         };

@@ -147,7 +147,11 @@ pub(crate) fn track_of(mut rows: Vec<Row>, unit: Option<LengthUnit>, file: &str,
                 .remedy("the clock of the machine or of the agent was set; look at the times around there"),
         );
     }
-    let mut intervals: Vec<i64> = rows.windows(2).map(|w| w[1].at.0.saturating_sub(w[0].at.0)).filter(|dt| *dt > 0).collect();
+    let mut intervals: Vec<i64> = rows
+        .windows(2)
+        .map(|w| w[1].at.0.saturating_sub(w[0].at.0))
+        .filter(|dt| *dt > 0)
+        .collect();
     intervals.sort_unstable();
     let usual = intervals.get(intervals.len() / 2).copied().unwrap_or(i64::MAX);
     let mut track = Track {

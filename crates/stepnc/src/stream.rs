@@ -779,7 +779,11 @@ impl<'s> Walker<'s> {
             // A part without a place is assumed to be clamped where G54 says, as a machinist would; without one, at home.
             (None, None, Missing::Assume) => {
                 let clamped = self.options.tables.work_offsets.get("G54").copied();
-                let assumed = if clamped.is_some() { "G54 of the machine" } else { "the machine's origin" };
+                let assumed = if clamped.is_some() {
+                    "G54 of the machine"
+                } else {
+                    "the machine's origin"
+                };
                 let fault = remark(format!("{no_origin}: {assumed} is assumed"), no_origin_remedy);
                 (clamped.unwrap_or(Transform::IDENTITY), Some((Severity::Warning, fault)))
             }
@@ -869,7 +873,8 @@ impl<'s> Walker<'s> {
             self.run.coolant = functions.coolant;
             self.say(id, StepKind::Coolant(functions.coolant));
         }
-        let path_mode = PathMode::Tolerance(toolpath.maximum_deviation);
+        // Half of what the path allows is the planner's to round corners with, the other half is left to the servo.
+        let path_mode = PathMode::Tolerance(toolpath.maximum_deviation.map(|most| most * 0.5));
         if path_mode != self.run.path_mode && toolpath.kind != ToolpathKind::Dwell {
             self.run.path_mode = path_mode;
             self.say(id, StepKind::PathMode(path_mode));

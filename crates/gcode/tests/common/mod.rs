@@ -27,7 +27,13 @@ pub fn mill_tables() -> Tables {
         ..Tables::empty()
     };
     tables.tools.insert(ToolNumber(1), tool(0.0, 100.0, 0.0, None));
-    tables.tools.insert(ToolNumber(2), ToolEntry { radius_wear: Millimetres(4.0), ..tool(0.0, 80.0, 0.0, Some(8.0)) });
+    tables.tools.insert(
+        ToolNumber(2),
+        ToolEntry {
+            radius_wear: Millimetres(4.0),
+            ..tool(0.0, 80.0, 0.0, Some(8.0))
+        },
+    );
     tables.tools.insert(ToolNumber(3), tool(0.0, 60.0, 0.0, None));
     tables
         .work_offsets

@@ -1,0 +1,76 @@
+//! `toolmark check`: everything that can be known before cycle start.
+
+use super::{Done, print_json};
+use crate::cli::{Common, ProgramArgs};
+use crate::failure::Exit;
+use crate::program::{Program, machine_for, named_machine};
+use crate::survey::{Check, State, checks, survey};
+use crate::{say, shop};
+use serde_json::json;
+use std::collections::BTreeMap;
+use store::MachineFile;
+use units::{Axis, Millimetres};
+
+/// Runs the command.
+///
+/// # Errors
+/// The program or the machine file cannot be read.
+pub fn check(args: &ProgramArgs, common: &Common) -> Done {
+    let program = Program::open(
+        &args.program,
+        common.dialect.as_deref(),
+        named_machine(&common.machine)?.as_ref(),
+    )?;
+    let machine = machine_for(&common.machine, program.turns())?;
+    let tables = store::registers::tables(&machine, &BTreeMap::new()).map_err(shop::failure)?;
+    let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
+    let all = checks(&found, travels(&machine), &tables);
+    let worst = worst(&all);
+    let (dialect, because) = program.dialect();
+    if common.json {
+        print_json(&json!({
+            "program": program.name,
+            "machine": machine.name,
+            "dialect": { "name": dialect, "because": because },
+            "checks": all,
+            "verdict": worst,
+            "time_s": found.statistics.time.0,
+        }))?;
+    } else {
+        say(&format!("{} on {} ({dialect}: {because})", program.name, machine.name));
+        all.iter().for_each(print);
+        say(match worst {
+            State::Ok => "ready",
+            State::Warning => "can be run; look at the warnings first",
+            State::Fail => "must not be run like this",
+        });
+    }
+    Ok(if worst == State::Fail { Exit::Negative } else { Exit::Good })
+}
+
+/// Travel of each axis.
+pub fn travels(machine: &MachineFile) -> [Option<(Millimetres, Millimetres)>; 3] {
+    Axis::ALL.map(|a| machine.axis(a).map(|axis| (axis.travel_min, axis.travel_max)))
+}
+
+/// The worst state of some checks.
+pub fn worst(all: &[Check]) -> State {
+    let has = |state| all.iter().any(|c| c.state == state);
+    if has(State::Fail) {
+        State::Fail
+    } else if has(State::Warning) {
+        State::Warning
+    } else {
+        State::Ok
+    }
+}
+
+/// One line of a check.
+pub fn print(check: &Check) {
+    let word = match check.state {
+        State::Ok => "ok     ",
+        State::Warning => "warning",
+        State::Fail => "FAIL   ",
+    };
+    say(&format!(" {word}  {:10} {}", check.name, check.text));
+}

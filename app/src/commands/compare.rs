@@ -1,0 +1,55 @@
+//! `toolmark compare`: a run that is in a file already against its plan.
+
+use super::rebuild::planned;
+use super::{Done, print_json};
+use crate::cli::{Common, CompareArgs};
+use crate::failure::{Exit, Failure};
+use crate::program::Program;
+use crate::report;
+use asrun::Verdict;
+use units::Millimetres;
+
+/// Runs the command.
+///
+/// # Errors
+/// A file cannot be read, is not STEP-NC, or holds no run.
+pub fn compare(args: &CompareArgs, common: &Common) -> Done {
+    if let Some(tolerance) = args.tolerance.filter(|t| !(*t > 0.0)) {
+        return Err(Failure::usage(format_args!(
+            "--tolerance {tolerance}: a length above 0 mm was expected"
+        )));
+    }
+    let plan = Program::open(&args.plan, common.dialect.as_deref(), None)?;
+    let other = match &args.as_executed {
+        Some(path) => Some(Program::open(path, None, None)?),
+        None => None,
+    };
+    let holder = other.as_ref().unwrap_or(&plan);
+    let Some(file) = holder.step_nc() else {
+        return Err(Failure::unreadable(format_args!(
+            "{}: runs are kept in STEP-NC files; this is not one",
+            holder.path.display()
+        )));
+    };
+    let runs = stepnc::twin::read(file, plan.step_nc().unwrap_or(file));
+    let wanted = args.run.unwrap_or(runs.len());
+    let Some(found) = wanted.checked_sub(1).and_then(|k| runs.get(k)) else {
+        let what = match runs.len() {
+            0 => "it holds no run: no executable has a twin start".to_owned(),
+            n => format!("run {wanted} does not exist: it holds {n}"),
+        };
+        return Err(Failure::unreadable(format_args!("{}: {what}", holder.path.display())));
+    };
+    let options = asrun::Options {
+        tolerance: args.tolerance.map(Millimetres),
+        ..asrun::Options::default()
+    };
+    let report = asrun::compare(&planned(&plan, common)?, &found.run, &options);
+    if common.json {
+        print_json(&report)?;
+    } else {
+        report::print(&report, common.units);
+    }
+    let judged = args.tolerance.is_some() && matches!(report.verdict, Verdict::OutOfTolerance | Verdict::Incomplete);
+    Ok(if judged { Exit::Negative } else { Exit::Good })
+}

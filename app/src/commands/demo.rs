@@ -1,0 +1,393 @@
+//! `toolmark demo`: the one story that must always be true.
+//!
+//! A part is made from STEP-NC on the simulated machine with a wrong set-up planted in one workingstep; the rebuild finds and names it,
+//! from the whole record and from positions as an MTConnect agent gives them. A shaft is turned from G-code with a worn tool; its
+//! measured size becomes one offset change, and the next shaft is better. Every number that is printed is computed here and now.
+
+use super::{Done, print_json};
+use crate::cli::{Common, DemoArgs, DisplayUnits};
+use crate::execution::{self, Order, Run};
+use crate::failure::{Exit, Failure};
+use crate::program::{Program, machine_for};
+use crate::survey::minutes;
+use crate::{clock, report, say, shop};
+use asrun::{Report, Verdict, WorkingstepReport};
+use cell::sim::measure::{Feature, Gauge, Measurement, Part};
+use cell::{Ended, Fault, WorkingstepSelector};
+use serde_json::{Value, json};
+use sizing::{Dimension, Entry, Present, Response, Role, Unit};
+use std::path::{Path, PathBuf};
+use store::{DataDirectory, Register};
+use units::{Axis, Millimetres, Seconds, Timestamp, ToolNumber};
+
+const BRACKET: &str = include_str!("../../../corpus/bracket.stpnc");
+const SHAFT: &str = include_str!("../../../corpus/shaft.nc");
+
+/// The workingstep of the bracket whose set-up is wrong, and by how much, mm in the machine frame.
+const WRONG_WORKINGSTEP: &str = "side slot";
+const WRONG_BY: [f64; 3] = [0.0, 0.12, 0.0];
+
+/// How far the finishing tool of the shaft is worn, and how well the gauge repeats.
+const WEAR: Millimetres = Millimetres(0.021);
+const GAUGE: Millimetres = Millimetres(0.0005);
+
+/// Runs the command.
+///
+/// # Errors
+/// A file cannot be written. A story that does not come true is a negative exit.
+pub fn demo(args: &DemoArgs, common: &Common) -> Done {
+    let quiet = common.json;
+    let tell = |line: &str| {
+        if !quiet {
+            say(line);
+        }
+    };
+    tell("Toolmark demo. Everything below is SIMULATED: two machines, one seed, no file prepared beforehand.");
+    let start = clock::start_time(common.start.as_deref())?;
+    let folder = match &args.out {
+        Some(folder) => folder.clone(),
+        None => fresh_folder()?,
+    };
+    std::fs::create_dir_all(&folder).map_err(|e| Failure::writing(&folder, e))?;
+    let data = common.data.clone().unwrap_or_else(|| folder.join("data"));
+    let mut directory = shop::open_data(&data)?;
+    let mut story = Story {
+        common,
+        start,
+        folder: &folder,
+        directory: &mut directory,
+        tell: &tell,
+    };
+
+    let bracket = story.bracket()?;
+    let shaft = story.shaft()?;
+    let findings = directory.verify().map_err(shop::failure)?;
+    tell("");
+    tell("3. The proof");
+    tell(&format!(
+        "   the data directory holds {} jobs, {} records and their chained events; verified: {}",
+        directory.jobs().map_err(shop::failure)?.len(),
+        directory.records().map_err(shop::failure)?.len(),
+        if findings.is_empty() {
+            "nothing was changed afterwards".to_owned()
+        } else {
+            format!("{} findings", findings.len())
+        }
+    ));
+    tell(&format!("   files: {}", folder.display()));
+    tell("   look at bracket/report.html first; run it on your own program: toolmark run PROGRAM --fast --out DIR");
+    let true_story = bracket.came_true && shaft.came_true && findings.is_empty();
+    if quiet {
+        print_json(&json!({
+            "simulated": true,
+            "seed": common.seed,
+            "start": clock::utc(start),
+            "folder": folder,
+            "bracket": bracket.numbers,
+            "shaft": shaft.numbers,
+            "verified": findings.is_empty(),
+            "came_true": true_story,
+        }))?;
+    }
+    if !true_story {
+        return Err(Failure::negative(
+            "error: the demo's story did not come true with this seed; please report it",
+        ));
+    }
+    Ok(Exit::Good)
+}
+
+/// What one chapter gives.
+struct Chapter {
+    came_true: bool,
+    numbers: Value,
+}
+
+struct Story<'a> {
+    common: &'a Common,
+    start: Timestamp,
+    folder: &'a Path,
+    directory: &'a mut DataDirectory,
+    tell: &'a dyn Fn(&str),
+}
+
+impl Story<'_> {
+    /// Plan, run with a fault, rebuild twice, find the fault.
+    fn bracket(&mut self) -> Result<Chapter, Failure> {
+        let program = self.program("bracket.stpnc", BRACKET)?;
+        let fault = Fault::SetupShift {
+            workingstep: WorkingstepSelector::Name(WRONG_WORKINGSTEP.to_owned()),
+            shift: WRONG_BY,
+        };
+        (self.tell)("");
+        (self.tell)("1. A bracket from STEP-NC: plan, run, record, rebuild, compare");
+        let run = self.run(&program, "bracket", vec![fault], None, self.start, None)?;
+        let report = &run.rebuild.report;
+        (self.tell)(&format!(
+            "   {} rows recorded in {} of machine time, one each millisecond; as-executed.stpnc holds plan and run",
+            run.record.rows,
+            minutes(run.outcome.time.0)
+        ));
+        if !self.common.json {
+            report::print(report, DisplayUnits::Mm);
+        }
+        let shift = self.say_what_was_found(report);
+
+        // The same machine, seen only by positions every 100 ms, times off by up to 20 ms.
+        let thin = self.run(
+            &program,
+            "bracket-as-mtconnect",
+            vec![Fault::SetupShift {
+                workingstep: WorkingstepSelector::Name(WRONG_WORKINGSTEP.to_owned()),
+                shift: WRONG_BY,
+            }],
+            Some((100, Seconds(0.02))),
+            self.start + Seconds(600.0),
+            None,
+        )?;
+        let thinned = &thin.rebuild.report;
+        (self.tell)(&format!(
+            "   the same run from {} positions as an MTConnect agent gives them (100 ms, times off by up to 20 ms): {} feed and {} rapid \
+             runs, '{WRONG_WORKINGSTEP}' {}",
+            thinned.samples,
+            thinned.feed_runs,
+            thinned.rapid_runs,
+            verdict_of(thinned, WRONG_WORKINGSTEP).map_or("not found", Verdict::word)
+        ));
+        let judged = |report: &Report| {
+            let wrong = verdict_of(report, WRONG_WORKINGSTEP) == Some(Verdict::OutOfTolerance);
+            let others = report.workingsteps.iter().filter(|w| w.name != WRONG_WORKINGSTEP);
+            wrong && others.clone().count() > 0 && others.into_iter().all(|w| w.verdict == Verdict::Good)
+        };
+        let named = shift.is_some_and(|s| (s - 0.12).abs() < 0.005);
+        let same_cut = (report.feed_runs, report.rapid_runs) == (thinned.feed_runs, thinned.rapid_runs);
+        Ok(Chapter {
+            came_true: run.outcome.ended == Ended::Completed && judged(report) && judged(thinned) && named && same_cut,
+            numbers: json!({
+                "rows": run.record.rows,
+                "machine_time_s": run.outcome.time.0,
+                "digest": run.outcome.digest.to_string(),
+                "planted": { "workingstep": WRONG_WORKINGSTEP, "shift_mm": WRONG_BY },
+                "found_shift_mm": shift,
+                "report": brief(report),
+                "as_mtconnect": brief(thinned),
+            }),
+        })
+    }
+
+    /// Size of the shift that the report itself found, mm; said in words.
+    fn say_what_was_found(&self, report: &Report) -> Option<f64> {
+        let shift = workingstep(report, WRONG_WORKINGSTEP).and_then(|w| w.shift.as_ref())?;
+        let size = shift.vector_mm.iter().map(|v| v * v).sum::<f64>().sqrt();
+        (self.tell)(&format!(
+            "   planted: the work offset of '{WRONG_WORKINGSTEP}' was 0.120 mm off; found: a shift of {size:.3} mm, and with it taken out \
+             p95 falls from {:.3} to {:.3} mm",
+            shift.p95_before_mm, shift.p95_after_mm
+        ));
+        Some(size)
+    }
+
+    /// One measured size, one offset change, a better part.
+    fn shaft(&mut self) -> Result<Chapter, Failure> {
+        (self.tell)("");
+        (self.tell)("2. Two shafts from G-code: measured size in, offset out");
+        let program = self.program("shaft.nc", SHAFT)?;
+        let machine = machine_for("sim", program.turns())?;
+        let register = Register::ToolWear {
+            tool: ToolNumber(3),
+            axis: Axis::X,
+        }
+        .of(&machine);
+        let seat = Dimension {
+            name: "SEAT D40".into(),
+            unit: Unit::Mm,
+            nominal: Millimetres(40.0),
+            low: Millimetres(39.950),
+            high: Millimetres(39.975),
+            target: Millimetres(39.962),
+            tool: ToolNumber(3),
+            axis: Axis::X,
+            register: register.clone(),
+            response: Response::Same,
+            window: (Millimetres(39.5), Millimetres(40.5)),
+            largest_step: Millimetres(0.1),
+            increment: Millimetres(0.001),
+            role: Role::Controls,
+        };
+        let feature = Feature::TurnedDiameter {
+            z_from: Millimetres(-44.0),
+            z_to: Millimetres(-28.0),
+        };
+        let mut gauge = Gauge::new(GAUGE, self.common.seed);
+
+        let first = self.turn(&program, "shaft-1", feature, &mut gauge, self.start + Seconds(1200.0))?;
+        self.say_size("first shaft", &first, &seat);
+        let entry = Entry {
+            text: format!("{:.3}", first.value.0),
+            unit: Unit::Mm,
+            who: self.who(),
+            level: 5,
+            remark: "demo".into(),
+            when: self.start + Seconds(1300.0),
+        };
+        let now = self.directory.value(&register).map_err(shop::failure)?;
+        let present = Present {
+            register: now,
+            seen: None,
+            last_entry: None,
+        };
+        let correction = sizing::enter(&seat, &entry, &present).map_err(|e| Failure::negative(format_args!("error: {e}")))?;
+        (self.tell)(&format!("   {}", correction.effect));
+        let event = match &correction.request {
+            Some(request) => Some(self.directory.change_value(request).map_err(shop::failure)?.event),
+            None => None,
+        };
+        if let Some(event) = &event {
+            (self.tell)(&format!(
+                "   recorded as change {} of the chain, {}...",
+                event.sequence,
+                &event.hash[..12]
+            ));
+        }
+        let second = self.turn(&program, "shaft-2", feature, &mut gauge, self.start + Seconds(1800.0))?;
+        self.say_size("second shaft", &second, &seat);
+
+        let off = |m: &Measurement| (m.value - seat.target).abs();
+        let good = |m: &Measurement| m.value >= seat.low && m.value <= seat.high;
+        let better = off(&second) < off(&first) && good(&second) && !good(&first);
+        Ok(Chapter {
+            came_true: better && event.is_some(),
+            numbers: json!({
+                "dimension": seat.name,
+                "target_mm": seat.target.0,
+                "first_mm": first.value.0,
+                "register": register,
+                "before_mm": correction.before,
+                "after_mm": correction.after,
+                "change_mm": correction.change,
+                "second_mm": second.value.0,
+            }),
+        })
+    }
+
+    fn say_size(&self, which: &str, m: &Measurement, seat: &Dimension) {
+        let word = if m.value < seat.low {
+            "too small"
+        } else if m.value > seat.high {
+            "too large"
+        } else {
+            "good"
+        };
+        (self.tell)(&format!(
+            "   {which}: {} measured {:.3} mm ({:.3} to {:.3}, aim {:.3}): {word}",
+            seat.name, m.value.0, seat.low.0, seat.high.0, seat.target.0
+        ));
+    }
+
+    fn turn(
+        &mut self,
+        program: &Program,
+        name: &str,
+        feature: Feature,
+        gauge: &mut Gauge,
+        start: Timestamp,
+    ) -> Result<Measurement, Failure> {
+        let faults = vec![Fault::ToolWear {
+            tool: ToolNumber(3),
+            radial: WEAR,
+        }];
+        let mut part = Part::new(feature, &faults);
+        let run = self.run(program, name, faults, None, start, Some(&mut part))?;
+        if run.outcome.ended != Ended::Completed {
+            return Err(Failure::negative(format_args!(
+                "error: {}: {}",
+                program.name,
+                run.outcome.ended.text()
+            )));
+        }
+        part.measure(gauge)
+            .ok_or_else(|| Failure::negative("error: nothing was cut where the seat is measured"))
+    }
+
+    fn run(
+        &mut self,
+        program: &Program,
+        name: &str,
+        faults: Vec<Fault>,
+        thinned: Option<(u64, Seconds)>,
+        start: Timestamp,
+        part: Option<&mut Part>,
+    ) -> Result<Run, Failure> {
+        let machine = machine_for("sim", program.turns())?;
+        let who = self.who();
+        self.directory.take_over(&machine, &who, start).map_err(shop::failure)?;
+        let order = Order {
+            program,
+            machine: &machine,
+            tables: self.directory.tables(&machine).map_err(shop::failure)?,
+            seed: self.common.seed,
+            start,
+            faults,
+            thinned,
+            out: Some(&self.folder.join(name)),
+            tolerance: None,
+            fast: true,
+            who: &who,
+        };
+        execution::run(&order, self.directory, part)
+    }
+
+    /// A program of the corpus, written down and opened as any other.
+    fn program(&self, name: &str, text: &str) -> Result<Program, Failure> {
+        let path: PathBuf = self.folder.join(name);
+        execution::write(&path, text.as_bytes())?;
+        Program::open(&path, None, None)
+    }
+
+    fn who(&self) -> String {
+        self.common.operator.clone().unwrap_or_else(|| "demo".to_owned())
+    }
+}
+
+fn workingstep<'r>(report: &'r Report, name: &str) -> Option<&'r WorkingstepReport> {
+    report.workingsteps.iter().find(|w| w.name == name)
+}
+
+fn verdict_of(report: &Report, name: &str) -> Option<Verdict> {
+    workingstep(report, name).map(|w| w.verdict)
+}
+
+/// The numbers of a report without its drawings.
+fn brief(report: &Report) -> Value {
+    let workingsteps: Vec<Value> = report
+        .workingsteps
+        .iter()
+        .map(|w| json!({ "name": w.name, "dev_p95_mm": w.dev_p95_mm, "dev_max_mm": w.dev_max_mm, "verdict": w.verdict }))
+        .collect();
+    json!({
+        "samples": report.samples,
+        "unmatched": report.unmatched,
+        "feed_runs": report.feed_runs,
+        "rapid_runs": report.rapid_runs,
+        "verdict": report.verdict,
+        "workingsteps": workingsteps,
+        "findings": report.findings,
+    })
+}
+
+/// A folder of its own in the system's place for temporary files; it stays, so that a person can look into it.
+fn fresh_folder() -> Result<PathBuf, Failure> {
+    let base = std::env::temp_dir();
+    for n in 0..1000u32 {
+        let folder = base.join(format!("toolmark-demo-{}-{n}", std::process::id()));
+        match std::fs::create_dir(&folder) {
+            Ok(()) => return Ok(folder),
+            Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(e) => return Err(Failure::writing(&folder, e)),
+        }
+    }
+    Err(Failure::machine(format_args!(
+        "{} has no room for another demo folder",
+        base.display()
+    )))
+}

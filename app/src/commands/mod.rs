@@ -1,0 +1,22 @@
+//! One file for each command of the contract.
+
+pub mod check;
+pub mod compare;
+pub mod demo;
+pub mod inspect;
+pub mod plan;
+pub mod rebuild;
+pub mod run;
+
+use crate::failure::{Exit, Failure};
+use serde::Serialize;
+
+/// How a command that did its work ends.
+pub type Done = Result<Exit, Failure>;
+
+/// Prints the one JSON object of a command.
+pub fn print_json(answer: &impl Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(answer).map_err(|e| Failure::machine(format_args!("the answer is no JSON: {e}")))?;
+    crate::say(&text);
+    Ok(())
+}

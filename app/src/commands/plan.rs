@@ -1,0 +1,150 @@
+//! `toolmark plan`: the set-points that a program becomes.
+
+use super::{Done, print_json};
+use crate::cli::{Common, FrameName, PlanArgs};
+use crate::failure::{Exit, Failure};
+use crate::program::{Program, machine_for, named_machine};
+use crate::progress::Progress;
+use crate::survey::{beforehand, minutes};
+use crate::{say, shop};
+use ::plan::StepKind;
+use motion::{Limits, Output, Trajectory};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::Path;
+use units::{Machine, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Point, Setup, TICK, Transform, Vector};
+
+/// Runs the command.
+///
+/// # Errors
+/// The program or the limits cannot be read, the program alarms, or the output cannot be written.
+pub fn plan(args: &PlanArgs, common: &Common) -> Done {
+    let program = Program::open(
+        &args.program,
+        common.dialect.as_deref(),
+        named_machine(&common.machine)?.as_ref(),
+    )?;
+    let machine = machine_for(&common.machine, program.turns())?;
+    let tables = store::registers::tables(&machine, &BTreeMap::new()).map_err(shop::failure)?;
+    let limits = match &args.limits {
+        None => shop::limits(&machine),
+        Some(file) => read_limits(file, shop::limits(&machine))?,
+    };
+    let mut trajectory = Trajectory::new(program.stream(&tables)?, tables.position, limits);
+    let mut writer = store::trajectory::Writer::create(&args.out).map_err(shop::failure)?;
+    let mut progress = Progress::new("planning");
+    let mut setup_from_machine: Transform<Setup, Machine> = Transform::IDENTITY;
+    let mut offset: Vector<Machine> = Vector::ZERO;
+    let mut tick = 0u64;
+    let mut answer = None;
+    let alarm = loop {
+        match trajectory.next(answer.take()) {
+            Output::Command(machine::Command::SetPoint(point)) => {
+                tick += 1;
+                let gauge = Point::<Machine>::from_xyz(point.position);
+                let position = match args.frame {
+                    FrameName::Machine => gauge.xyz,
+                    FrameName::Setup => (setup_from_machine * (gauge - offset)).xyz,
+                };
+                let row = store::trajectory::Point {
+                    t: tick as f64 * TICK.0,
+                    position,
+                    step: point.step,
+                    path_length: point.path_length,
+                    path_speed: point.path_speed,
+                };
+                writer.write(&row).map_err(shop::failure)?;
+                progress.at(|| format!("{} of motion", minutes(tick as f64 * TICK.0)));
+            }
+            Output::Command(machine::Command::Dwell { cycles, .. }) => tick += u64::from(cycles),
+            Output::Command(_) => {}
+            Output::Passed(step) => match step.kind {
+                StepKind::Frame(frame) => setup_from_machine = frame.machine_from_setup.inverse(),
+                StepKind::ToolOffset(tool_offset) => offset = tool_offset.total(),
+                _ => {}
+            },
+            Output::Ask(question) => answer = Some(beforehand(&question)),
+            Output::End => break None,
+            Output::Alarm(alarm) => break Some(alarm),
+        }
+    };
+    drop(progress);
+    if let Some(alarm) = alarm {
+        return Err(alarm.into());
+    }
+    writer.finish().map_err(shop::failure)?;
+    let s = trajectory.statistics();
+    let (dialect, because) = program.dialect();
+    if common.json {
+        print_json(&json!({
+            "time_s": s.time.0,
+            "blocks": s.blocks,
+            "samples": s.samples,
+            "path_length_mm": s.path_length.0,
+            "max_deviation_mm": s.max_deviation.0,
+            "worst_ratio": { "v": s.worst_speed_ratio, "a": s.worst_acceleration_ratio, "j": Value::Null },
+            "dialect": { "name": dialect, "because": because },
+            "frame": match args.frame { FrameName::Machine => "machine", FrameName::Setup => "setup" },
+            "remarks": trajectory.stream().diagnostics(),
+        }))?;
+    } else {
+        for remark in trajectory.stream().diagnostics() {
+            say(&remark.to_string());
+        }
+        say(&format!(
+            "{}: {:.3} s for {} moves over {:.1} mm ({dialect}: {because})",
+            program.name, s.time.0, s.blocks, s.path_length.0
+        ));
+        say(&format!(
+            "{} set-points in {}; speed up to {:.2} % and acceleration up to {:.2} % of the limits, {:.4} mm off the path at most",
+            s.samples,
+            args.out.display(),
+            100.0 * s.worst_speed_ratio,
+            100.0 * s.worst_acceleration_ratio,
+            s.max_deviation.0
+        ));
+    }
+    Ok(Exit::Good)
+}
+
+/// Limits from a file; what it does not say is the machine's.
+fn read_limits(file: &Path, mut limits: Limits) -> Result<Limits, Failure> {
+    let unreadable = |what: String| Failure::unreadable(format_args!("{}: {what}", file.display()));
+    let text = std::fs::read_to_string(file).map_err(|e| unreadable(e.to_string()))?;
+    let value: Value = serde_json::from_str(&text).map_err(|e| unreadable(format!("{}:{}: {e}", e.line(), e.column())))?;
+    let Value::Object(fields) = &value else {
+        return Err(unreadable(
+            "an object with v_max_mm_s, a_max_mm_s2, j_max_mm_s3 and tolerance_mm was expected".into(),
+        ));
+    };
+    for (name, value) in fields {
+        let axes = || -> Result<[f64; 3], Failure> {
+            let positive = |v: &Value| v.as_f64().filter(|n| *n > 0.0 && n.is_finite());
+            let numbers = match value {
+                Value::Array(list) if list.len() == 3 => list.iter().map(positive).collect::<Option<Vec<f64>>>(),
+                one => positive(one).map(|n| vec![n; 3]),
+            };
+            numbers.and_then(|n| n.try_into().ok()).ok_or_else(|| {
+                unreadable(format!(
+                    "{name}: a number above 0, or one for each of X, Y and Z, was expected, not {value}"
+                ))
+            })
+        };
+        match name.as_str() {
+            "v_max_mm_s" => limits.v_max = axes()?.map(MmPerSec),
+            "a_max_mm_s2" => limits.a_max = axes()?.map(MmPerSec2),
+            "j_max_mm_s3" => limits.j_max = Some(axes()?.map(MmPerSec3)),
+            "tolerance_mm" => {
+                let tolerance = value.as_f64().filter(|n| *n >= 0.0 && n.is_finite());
+                limits.tolerance =
+                    Millimetres(tolerance.ok_or_else(|| unreadable(format!("tolerance_mm: {value} is no length")))?);
+            }
+            other => {
+                return Err(unreadable(format!(
+                    "{other} is unknown; known are v_max_mm_s, a_max_mm_s2, j_max_mm_s3, tolerance_mm"
+                )));
+            }
+        }
+    }
+    Ok(limits)
+}

@@ -1,0 +1,121 @@
+//! `toolmark rebuild`: a record becomes as-executed STEP-NC.
+
+use super::{Done, print_json};
+use crate::cli::{Common, DisplayUnits, RebuildArgs};
+use crate::execution::{as_executed, write};
+use crate::failure::{Exit, Failure};
+use crate::program::{Program, machine_for, named_machine};
+use crate::recording::{self, Said};
+use crate::report::{self, Page};
+use crate::survey::beforehand;
+use crate::{clock, say, shop};
+use asrun::{PlanOptions, PlannedProgram, Verdict};
+use plan::Severity;
+use std::collections::BTreeMap;
+use stepnc::twin::TwinOptions;
+use units::Millimetres;
+
+/// Runs the command.
+///
+/// # Errors
+/// Plan or record cannot be read, or a file cannot be written.
+pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
+    let (plan_file, record_file) = match (&args.files[..], args.no_plan) {
+        ([record], true) => (None, record),
+        ([plan, record], false) => (Some(plan), record),
+        ([_], false) => {
+            return Err(Failure::usage(
+                "PLAN and RECORD were expected; without a plan say so: toolmark rebuild --no-plan RECORD",
+            ));
+        }
+        _ => return Err(Failure::usage("with --no-plan there is only the RECORD")),
+    };
+    if let Some(tolerance) = args.tolerance.filter(|t| !(*t > 0.0)) {
+        return Err(Failure::usage(format_args!(
+            "--tolerance {tolerance}: a length above 0 mm was expected"
+        )));
+    }
+    let said = Said {
+        frame: args.frame,
+        units: (common.units == DisplayUnits::Inch).then_some(DisplayUnits::Inch),
+        device: args.device.clone(),
+    };
+    let (record, found) = recording::read(record_file, &said)?;
+    for diagnostic in found.iter().filter(|d| d.severity != Severity::Remark) {
+        eprintln!("{diagnostic}");
+    }
+    let options = asrun::Options {
+        name: args.name.clone().unwrap_or_else(|| "run 1".to_owned()),
+        tolerance: args.tolerance.map(Millimetres),
+        ..asrun::Options::default()
+    };
+    let program = match plan_file {
+        None => None,
+        Some(file) => Some(Program::open(
+            file,
+            common.dialect.as_deref(),
+            named_machine(&common.machine)?.as_ref(),
+        )?),
+    };
+    let rebuilt = match &program {
+        None => asrun::rebuild(None, &record, &options),
+        Some(program) => {
+            let plan = planned(program, common)?;
+            asrun::rebuild(Some(&plan), &record, &options)
+        }
+    };
+    let twin = TwinOptions::at(written_at(common, rebuilt.executed.end)?);
+    let bytes = match &program {
+        Some(program) => as_executed(program, &rebuilt.executed, &twin)?,
+        None => stepnc::write_new(&rebuilt.executed, &twin).map_err(|e| Failure::negative(format_args!("error: {e}")))?,
+    };
+    write(&args.out, &bytes)?;
+    let report = &rebuilt.report;
+    if let Some(folder) = &args.report {
+        std::fs::create_dir_all(folder).map_err(|e| Failure::writing(folder, e))?;
+        let name = program.as_ref().map_or("", |p| p.name.as_str());
+        let page = Page {
+            program: name,
+            machine: &record.source,
+            ended: None,
+            provenance: vec![],
+            report,
+        };
+        report::write(&page, folder)?;
+    }
+    if common.json {
+        print_json(report)?;
+    } else {
+        report::print(report, common.units);
+        say(&format!("file: {}", args.out.display()));
+    }
+    let judged = args.tolerance.is_some() && matches!(report.verdict, Verdict::OutOfTolerance | Verdict::Incomplete);
+    Ok(if judged { Exit::Negative } else { Exit::Good })
+}
+
+/// The plan of a program for comparison, on the machine that the settings mean.
+///
+/// # Errors
+/// The machine cannot be read, or the program cannot be run to its end.
+pub fn planned(program: &Program, common: &Common) -> Result<PlannedProgram, Failure> {
+    let machine = machine_for(&common.machine, program.turns())?;
+    let tables = store::registers::tables(&machine, &BTreeMap::new()).map_err(shop::failure)?;
+    let mut stream = program.stream(&tables)?;
+    let options = PlanOptions {
+        rapid: shop::limits(&machine).v_max,
+        ..PlanOptions::default()
+    };
+    let plan = PlannedProgram::read(&mut *stream, &program.name, &options, &mut beforehand);
+    if let asrun::PlanEnd::Alarm(alarm) = &plan.ended {
+        return Err((**alarm).clone().into());
+    }
+    Ok(plan)
+}
+
+/// The time stamp of a written file: `--start` when given, so that the same call gives the same bytes, else the end of the record.
+fn written_at(common: &Common, end: units::Timestamp) -> Result<units::Timestamp, Failure> {
+    match &common.start {
+        Some(text) => clock::start_time(Some(text)),
+        None => Ok(end),
+    }
+}

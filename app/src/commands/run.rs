@@ -1,0 +1,134 @@
+//! `toolmark run`: check, plan, execute, record, rebuild, report.
+
+use super::check::{print, travels, worst};
+use super::{Done, print_json};
+use crate::cli::{Common, RunArgs};
+use crate::execution::{Order, run as execute};
+use crate::failure::{Exit, Failure};
+use crate::program::{Program, machine_for, named_machine};
+use crate::survey::{State, checks, minutes, survey};
+use crate::{clock, report, say, shop};
+use asrun::Verdict;
+use cell::{Ended, Fault, WorkingstepSelector};
+use serde_json::json;
+use units::Seconds;
+
+/// Runs the command.
+///
+/// # Errors
+/// The program or machine cannot be read, the check fails, or a file cannot be written.
+pub fn run(args: &RunArgs, common: &Common) -> Done {
+    let thinned = args.as_mtconnect.as_deref().map(thinning).transpose()?;
+    let faults = args
+        .plant_shift
+        .as_deref()
+        .map(planted_shift)
+        .transpose()?
+        .into_iter()
+        .collect();
+    let start = clock::start_time(common.start.as_deref())?;
+    let program = Program::open(
+        &args.program,
+        common.dialect.as_deref(),
+        named_machine(&common.machine)?.as_ref(),
+    )?;
+    let machine = machine_for(&common.machine, program.turns())?;
+    let mut directory = shop::data_directory(common)?;
+    let who = shop::operator(common);
+    directory.take_over(&machine, &who, start).map_err(shop::failure)?;
+    let tables = directory.tables(&machine).map_err(shop::failure)?;
+
+    let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
+    let all = checks(&found, travels(&machine), &tables);
+    if !common.json {
+        all.iter().filter(|c| c.state != State::Ok).for_each(print);
+    }
+    if worst(&all) == State::Fail {
+        let why: Vec<String> = all
+            .iter()
+            .filter(|c| c.state == State::Fail)
+            .map(|c| c.text.clone())
+            .collect();
+        return Err(Failure::negative(format_args!(
+            "the check failed, nothing was moved: {}",
+            why.join("; ")
+        )));
+    }
+    let order = Order {
+        program: &program,
+        machine: &machine,
+        tables,
+        seed: common.seed,
+        start,
+        faults,
+        thinned,
+        out: args.out.as_deref(),
+        tolerance: args.tolerance,
+        fast: args.fast,
+        who: &who,
+    };
+    let done = execute(&order, &mut directory, None)?;
+    let good = done.outcome.ended == Ended::Completed
+        && !matches!(done.rebuild.report.verdict, Verdict::OutOfTolerance | Verdict::Incomplete);
+    if common.json {
+        print_json(&json!({
+            "ended": done.outcome.ended.word(),
+            "text": done.outcome.ended.text(),
+            "machine_time_s": done.outcome.time.0,
+            "rows": done.record.rows,
+            "digest": done.outcome.digest.to_string(),
+            "folder": done.folder,
+            "checks": all,
+            "report": done.rebuild.report,
+        }))?;
+    } else {
+        say(&format!(
+            "SIMULATED run of {} on {}: {} in {} of machine time, {} rows recorded",
+            program.name,
+            machine.name,
+            done.outcome.ended.text(),
+            minutes(done.outcome.time.0),
+            done.record.rows
+        ));
+        report::print(&done.rebuild.report, common.units);
+        let folder = done.folder.display();
+        say(&format!(
+            "files: {folder}/as-executed.stpnc, report.html, report.json, record.parquet"
+        ));
+    }
+    Ok(if good { Exit::Good } else { Exit::Negative })
+}
+
+/// `100` or `100,20`: interval and jitter in milliseconds.
+fn thinning(text: &str) -> Result<(u64, Seconds), Failure> {
+    let (interval, jitter) = text.split_once(',').unwrap_or((text, "0"));
+    let interval = interval.trim().parse::<u64>().ok().filter(|ms| *ms > 0);
+    let jitter = jitter.trim().parse::<f64>().ok().filter(|ms| *ms >= 0.0 && ms.is_finite());
+    match (interval, jitter) {
+        (Some(interval), Some(jitter)) => Ok((interval, Seconds(jitter / 1000.0))),
+        _ => Err(Failure::usage(format_args!(
+            "--as-mtconnect {text}: milliseconds were expected, like 100 or 100,20"
+        ))),
+    }
+}
+
+/// `4:0.12,0,0`: the n-th workingstep and the shift of its work offset, mm.
+fn planted_shift(text: &str) -> Result<Fault, Failure> {
+    let expected = || Failure::usage(format_args!("--plant-shift {text}: N:X,Y,Z was expected, like 4:0.12,0,0"));
+    let (number, shift) = text.split_once(':').ok_or_else(expected)?;
+    let number = number.trim().parse().ok().filter(|n| *n > 0).ok_or_else(expected)?;
+    let parts: Vec<f64> = shift
+        .split(',')
+        .map(|p| p.trim().parse())
+        .collect::<Result<_, _>>()
+        .map_err(|_| expected())?;
+    let shift = <[f64; 3]>::try_from(parts).map_err(|_| expected())?;
+    // A joke of a shift would leave the machine; the fault is for practice with small ones.
+    if shift.iter().any(|s| !(s.abs() <= 50.0)) {
+        return Err(Failure::usage(format_args!("--plant-shift {text}: at most 50 mm")));
+    }
+    Ok(Fault::SetupShift {
+        workingstep: WorkingstepSelector::Number(number),
+        shift,
+    })
+}

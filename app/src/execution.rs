@@ -1,0 +1,299 @@
+//! One run of one program on the simulated machine: executed, recorded, rebuilt from the record, written down.
+//!
+//! The rebuild reads the record file, not the samples in memory: what the report says is what the file says.
+
+use crate::failure::Failure;
+use crate::program::Program;
+use crate::progress::Progress;
+use crate::report::{self, Page};
+use crate::survey::minutes;
+use crate::{clock, recording, shop};
+use asrun::{PlanOptions, PlannedProgram, Rebuild, RecordFrame, RecordPoint, Recording};
+use cell::observe::Thinned;
+use cell::sim::measure::Part;
+use cell::{Ended, Fault, Operator, Outcome, RecordSink, World, WorldConfig};
+use ledger::{Chain, Event};
+use machine::Sample;
+use motion::Trajectory;
+use plan::{Tables, executed::AsExecuted};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+use stepnc::twin::TwinOptions;
+use store::record::{Finished, Header, Writer};
+use store::{DataDirectory, Ending, MachineFile, NewJob, StoreError};
+use units::{Seconds, StepId, Timestamp};
+
+/// What is to be run.
+pub struct Order<'a> {
+    /// The program.
+    pub program: &'a Program,
+    /// The machine.
+    pub machine: &'a MachineFile,
+    /// Its offsets and tools now.
+    pub tables: Tables,
+    /// Seed of the simulation.
+    pub seed: u64,
+    /// When it starts.
+    pub start: Timestamp,
+    /// What goes wrong in it.
+    pub faults: Vec<Fault>,
+    /// Rebuild from the record thinned to this interval (ticks) and jitter.
+    pub thinned: Option<(u64, Seconds)>,
+    /// Where its files go; the data directory's own folder for the job when `None`.
+    pub out: Option<&'a Path>,
+    /// Tolerance where the program gives none.
+    pub tolerance: Option<f64>,
+    /// As fast as possible instead of in real time.
+    pub fast: bool,
+    /// Who runs it.
+    pub who: &'a str,
+}
+
+/// A run that is over.
+pub struct Run {
+    /// How it went.
+    pub outcome: Outcome,
+    /// Its record.
+    pub record: Finished,
+    /// Plan against run.
+    pub rebuild: Rebuild,
+    /// Where its files are.
+    pub folder: PathBuf,
+}
+
+/// Runs a program, records it, rebuilds it and writes everything down. `part` watches what is made, for the gauge.
+///
+/// # Errors
+/// A file cannot be written, or the machine's parameters are unusable. A run that ends badly is no error: it is in the outcome.
+pub fn run(order: &Order<'_>, directory: &mut DataDirectory, part: Option<&mut Part>) -> Result<Run, Failure> {
+    let new = NewJob {
+        program: &order.program.name,
+        program_hash: order.program.hash,
+        machine: &order.machine.name,
+        seed: order.seed,
+        start: order.start,
+        folder: order.out,
+        who: order.who,
+    };
+    let job = directory.begin_job(&new).map_err(shop::failure)?;
+    let folder = job.folder.clone();
+    std::fs::create_dir_all(&folder).map_err(|e| Failure::writing(&folder, e))?;
+
+    let record_path = folder.join("record.parquet");
+    let header = Header {
+        machine: order.machine.name.clone(),
+        simulated: true,
+        start: order.start,
+        seed: order.seed,
+    };
+    let mut recorder = Recorder {
+        writer: Some(Writer::create(&record_path, &header).map_err(shop::failure)?),
+        failed: None,
+        events: vec![],
+        thinned: order
+            .thinned
+            .map(|(interval, jitter)| Thinned::new(order.start, interval, jitter, order.seed)),
+        part,
+    };
+    let outcome = execute(order, &mut recorder)?;
+    let Recorder {
+        writer,
+        failed,
+        events,
+        thinned,
+        ..
+    } = recorder;
+    if let Some(error) = failed {
+        return Err(shop::failure(error));
+    }
+    let writer = writer.expect("a recorder that has not failed has its writer");
+    let record = writer.finish(&events).map_err(shop::failure)?;
+    directory.append_job_events(job.id, &events).map_err(shop::failure)?;
+    directory
+        .catalogue(job.id, &record, order.start.at(outcome.ticks))
+        .map_err(shop::failure)?;
+
+    let mut record_read = recording::of_record(&record_path)?;
+    if let Some(thinned) = thinned {
+        as_an_agent_saw_it(&mut record_read, &thinned);
+    }
+    let rebuild = rebuild(order, &record_read, &outcome)?;
+    write_down(order, &folder, &outcome, &record, &rebuild)?;
+
+    let ending = if outcome.ended == Ended::Completed {
+        Ending::Done
+    } else {
+        Ending::Failed
+    };
+    directory
+        .end_job(job.id, order.start.at(outcome.ticks), ending)
+        .map_err(shop::failure)?;
+    Ok(Run {
+        outcome,
+        record,
+        rebuild,
+        folder,
+    })
+}
+
+/// Only positions and times are left, as in an agent's stream; what the machine knew about steps and offsets is gone.
+fn as_an_agent_saw_it(record: &mut Recording, thinned: &Thinned) {
+    let point = |(k, o): (usize, &cell::observe::Observation)| RecordPoint {
+        at: o.at,
+        position: o.position,
+        step: StepId::NONE,
+        sequence: k as u64 + 1,
+    };
+    record.points = thinned.observations.iter().enumerate().map(point).collect();
+    record.frame = RecordFrame::Machine;
+    record.events.clear();
+}
+
+fn execute(order: &Order<'_>, recorder: &mut Recorder<'_>) -> Result<Outcome, Failure> {
+    let config = WorldConfig {
+        seed: order.seed,
+        start: order.start,
+        machine: shop::parameters(order.machine),
+        machine_name: order.machine.name.clone(),
+        position: order.tables.position,
+        program_hash: order.program.hash,
+        faults: order.faults.clone(),
+        // Somebody stands at the simulated machine: a program stop gets its cycle start after a second.
+        operator: Operator {
+            optional_stop: false,
+            cycle_start_after: Some(1000),
+        },
+        chain: Chain::default(),
+    };
+    let stream = cell::faults::planted(order.program.stream(&order.tables)?, &config.faults);
+    let trajectory = Trajectory::new(stream, config.position, shop::limits(order.machine));
+    let mut world =
+        World::new(config, trajectory).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
+    let mut progress = Progress::new("running");
+    let began = Instant::now();
+    loop {
+        if let Some(outcome) = world.advance(100, recorder) {
+            return Ok(outcome);
+        }
+        if recorder.failed.is_some() {
+            // The disk refuses: the machine is stopped on its path, and the run ends with what was recorded.
+            world.request(machine::Request::Stop);
+        }
+        let simulated = world.now().seconds();
+        progress.at(|| format!("{} of machine time", minutes(simulated.0)));
+        if !order.fast {
+            let due = Duration::from_secs_f64(simulated.0);
+            std::thread::sleep(due.saturating_sub(began.elapsed()));
+        }
+    }
+}
+
+/// Takes samples to the record file and keeps the events; a failure is kept until somebody asks.
+struct Recorder<'p> {
+    writer: Option<Writer>,
+    failed: Option<StoreError>,
+    events: Vec<Event>,
+    thinned: Option<Thinned>,
+    part: Option<&'p mut Part>,
+}
+
+impl RecordSink for Recorder<'_> {
+    fn sample(&mut self, sample: &Sample) {
+        if let Some(writer) = &mut self.writer
+            && let Err(error) = writer.write(sample)
+        {
+            self.failed = Some(error);
+            self.writer = None;
+        }
+        if let Some(thinned) = &mut self.thinned {
+            thinned.sample(sample);
+        }
+        if let Some(part) = &mut self.part {
+            part.sample(sample);
+        }
+    }
+    fn event(&mut self, event: &Event) {
+        self.events.push(event.clone());
+        if let Some(part) = &mut self.part {
+            part.event(event);
+        }
+    }
+    fn truth(&mut self, sample: &Sample, position: [f64; 3]) {
+        if let Some(part) = &mut self.part {
+            part.truth(sample, position);
+        }
+    }
+}
+
+fn rebuild(order: &Order<'_>, record: &Recording, outcome: &Outcome) -> Result<Rebuild, Failure> {
+    let mut stream = order.program.stream(&order.tables)?;
+    let options = PlanOptions {
+        rapid: shop::limits(order.machine).v_max,
+        ..PlanOptions::default()
+    };
+    let plan = PlannedProgram::read(&mut *stream, &order.program.name, &options, &mut crate::survey::beforehand);
+    let options = asrun::Options {
+        name: "run 1".to_owned(),
+        tolerance: order.tolerance.map(units::Millimetres),
+        ..asrun::Options::default()
+    };
+    let mut rebuild = asrun::rebuild(Some(&plan), record, &options);
+    if outcome.ended != Ended::Completed {
+        let text = outcome.ended.text();
+        rebuild
+            .report
+            .findings
+            .insert(0, format!("the run did not come to its end: {text}"));
+        rebuild.executed.exception = Some(text);
+    }
+    Ok(rebuild)
+}
+
+fn write_down(order: &Order<'_>, folder: &Path, outcome: &Outcome, record: &Finished, rebuild: &Rebuild) -> Result<(), Failure> {
+    let options = TwinOptions {
+        machine: Some((order.machine.name.clone(), "simulated".to_owned())),
+        operator: Some(order.who.to_owned()),
+        ..TwinOptions::at(order.start.at(outcome.ticks))
+    };
+    let bytes = as_executed(order.program, &rebuild.executed, &options)?;
+    write(&folder.join("as-executed.stpnc"), &bytes)?;
+    let page = Page {
+        program: &order.program.name,
+        machine: &order.machine.name,
+        ended: Some(outcome.ended.text()),
+        provenance: vec![
+            ("program SHA-256".into(), order.program.hash.to_string()),
+            ("record SHA-256".into(), record.hash.to_string()),
+            ("record".into(), format!("record.parquet, {} rows", record.rows)),
+            ("end of the event chain".into(), outcome.chain.hash.to_string()),
+            ("seed".into(), order.seed.to_string()),
+            ("start".into(), clock::utc(order.start)),
+            ("run by".into(), order.who.to_owned()),
+        ],
+        report: &rebuild.report,
+    };
+    report::write(&page, folder)
+}
+
+/// The as-executed STEP-NC of a run: added to its plan, or a file of its own when the program is not STEP-NC.
+///
+/// # Errors
+/// The run does not fit the plan's file.
+pub fn as_executed(program: &Program, run: &AsExecuted, options: &TwinOptions) -> Result<Vec<u8>, Failure> {
+    match program.step_nc() {
+        Some(plan) => {
+            let saved = stepnc::twin::append(plan, run, options).map_err(|e| Failure::negative(format_args!("error: {e}")))?;
+            saved.notices.iter().for_each(|notice| eprintln!("notice: {notice}"));
+            Ok(saved.bytes)
+        }
+        None => stepnc::write_new(run, options).map_err(|e| Failure::negative(format_args!("error: {e}"))),
+    }
+}
+
+/// Writes a whole file.
+///
+/// # Errors
+/// The disk refuses.
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    std::fs::write(path, bytes).map_err(|e| Failure::writing(path, e))
+}

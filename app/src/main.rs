@@ -1,0 +1,76 @@
+//! `toolmark`: the program. Reads the command line, does the command, and turns what happened into words and an exit code.
+//!
+//! Everything that opens files, reads the clock or talks to a person is in here; what a program means and what a machine does is not.
+
+mod cli;
+mod clock;
+mod commands;
+mod execution;
+mod failure;
+mod files;
+mod program;
+mod progress;
+mod recording;
+mod report;
+mod shop;
+mod survey;
+
+use clap::Parser;
+use cli::{Cli, Command};
+use failure::{Exit, OUR_FAULT};
+use std::io::Write;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    // A panic is a fault of ours: it says so, and ends with its own code.
+    let ended = std::panic::catch_unwind(|| {
+        let cli = match Cli::try_parse() {
+            Ok(cli) => cli,
+            Err(error) => {
+                let _ = error.print();
+                return if error.use_stderr() {
+                    Exit::Usage as u8
+                } else {
+                    Exit::Good as u8
+                };
+            }
+        };
+        run(&cli)
+    });
+    ExitCode::from(ended.unwrap_or_else(|_| {
+        eprintln!("this is a fault of toolmark, not of your input: please report it with the lines above");
+        OUR_FAULT
+    }))
+}
+
+fn run(cli: &Cli) -> u8 {
+    let common = &cli.common;
+    let done = match &cli.command {
+        Command::Demo(args) => commands::demo::demo(args, common),
+        Command::Run(args) => commands::run::run(args, common),
+        Command::Check(args) => commands::check::check(args, common),
+        Command::Inspect(args) => commands::inspect::inspect(args, common),
+        Command::Plan(args) => commands::plan::plan(args, common),
+        Command::Rebuild(args) => commands::rebuild::rebuild(args, common),
+        Command::Compare(args) => commands::compare::compare(args, common),
+    };
+    match done {
+        Ok(exit) => exit as u8,
+        Err(failure) => {
+            if common.json {
+                let answer = serde_json::json!({ "error": { "exit": failure.exit as u8, "message": failure.message } });
+                say(&answer.to_string());
+            }
+            eprintln!("{}", failure.message);
+            failure.exit as u8
+        }
+    }
+}
+
+/// A line for the person, or for the program that reads ours. A reader that went away ends us quietly, as it ends any filter.
+fn say(line: &str) {
+    let mut out = std::io::stdout().lock();
+    if writeln!(out, "{line}").and_then(|()| out.flush()).is_err() {
+        std::process::exit(Exit::Good as i32);
+    }
+}

@@ -1,0 +1,160 @@
+//! Recordings from disk: our own Parquet, or whatever `mtconnect` reads.
+
+use crate::cli::{DisplayUnits, FrameName};
+use crate::failure::Failure;
+use crate::shop;
+use asrun::{InForce, RecordFrame, RecordGap, RecordPoint, Recording};
+use mtconnect::{GapCause, LengthUnit, ReadOptions, StatedFrame};
+use plan::{Diagnostic, Severity};
+use std::path::Path;
+use units::StepId;
+
+/// What a person says about a recording that it may not say itself.
+#[derive(Clone, Debug, Default)]
+pub struct Said {
+    /// The frame of its positions.
+    pub frame: Option<FrameName>,
+    /// The unit of its numbers.
+    pub units: Option<DisplayUnits>,
+    /// The device whose positions count.
+    pub device: Option<String>,
+}
+
+/// Reads a recording of any form.
+///
+/// # Errors
+/// It is not there, or nothing in it can be used.
+pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Failure> {
+    let name = path
+        .file_name()
+        .map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
+    let unreadable = |error: &dyn std::fmt::Display| Failure::unreadable(format_args!("{}: {error}", path.display()));
+    let bytes = std::fs::read(path).map_err(|e| unreadable(&e))?;
+    if bytes.is_empty() {
+        return Err(Failure::unreadable(format_args!(
+            "{}:1:1: the file is empty; a recording was expected",
+            path.display()
+        )));
+    }
+    if bytes.starts_with(b"PAR1") {
+        drop(bytes);
+        return Ok((of_record(path)?, vec![]));
+    }
+    let options = ReadOptions {
+        unit: said.units.map(|u| {
+            if u == DisplayUnits::Inch {
+                LengthUnit::Inch
+            } else {
+                LengthUnit::Millimetre
+            }
+        }),
+        frame: said.frame.map(|f| {
+            if f == FrameName::Machine {
+                StatedFrame::Machine
+            } else {
+                StatedFrame::Setup
+            }
+        }),
+        item: None,
+        device: said.device.clone(),
+    };
+    let reading = mtconnect::read(&bytes, &name, &options);
+    let diagnostics = reading.diagnostics.as_slice().to_vec();
+    let track = reading.track;
+    if track.points.is_empty() {
+        let worst = diagnostics
+            .iter()
+            .find(|d| d.severity == Severity::Error)
+            .or(diagnostics.first());
+        let message = worst.map_or_else(
+            || format!("error: {}: no positions in it", path.display()),
+            ToString::to_string,
+        );
+        return Err(Failure {
+            exit: crate::failure::Exit::Unreadable,
+            message,
+        });
+    }
+    let frame = match said.frame {
+        Some(FrameName::Machine) => RecordFrame::Machine,
+        Some(FrameName::Setup) => RecordFrame::Setup,
+        None => match track.frame {
+            Some(StatedFrame::Machine) => RecordFrame::Machine,
+            Some(StatedFrame::Setup) => RecordFrame::Setup,
+            None => RecordFrame::Unknown,
+        },
+    };
+    let point = |p: &mtconnect::TrackPoint| RecordPoint {
+        at: p.at,
+        position: p.position,
+        step: StepId::NONE,
+        sequence: p.sequence,
+    };
+    let gap = |g: &mtconnect::Gap| RecordGap {
+        from: g.from,
+        to: g.to,
+        cause: match g.cause {
+            GapCause::Unavailable => "the agent said UNAVAILABLE".to_owned(),
+            GapCause::Silent => "nothing was told".to_owned(),
+        },
+    };
+    let recording = Recording {
+        points: track.points.iter().map(point).collect(),
+        frame,
+        source: if track.source.is_empty() { name } else { track.source.clone() },
+        simulated: false,
+        gaps: track.gaps.iter().map(gap).collect(),
+        events: vec![],
+    };
+    Ok((recording, diagnostics))
+}
+
+/// Reads a record that we wrote.
+///
+/// # Errors
+/// It is damaged, or no record of ours.
+pub fn of_record(path: &Path) -> Result<Recording, Failure> {
+    let reader = store::record::Reader::open(path).map_err(shop::failure)?;
+    let header = reader.header().clone();
+    let mut points = Vec::with_capacity(usize::try_from(reader.len()).unwrap_or(0));
+    let mut missing = 0u64;
+    for row in reader.rows().map_err(shop::failure)? {
+        let row = row.map_err(shop::failure)?;
+        match row.actual {
+            Some(position) => points.push(RecordPoint {
+                at: row.at,
+                position,
+                step: row.step,
+                sequence: row.tick.0,
+            }),
+            None => missing += 1,
+        }
+    }
+    let mut events = vec![];
+    for event in reader.events().map_err(shop::failure)? {
+        match InForce::from_event(&event.kind, &event.detail, event.at()) {
+            None => {}
+            Some(Ok(setting)) => events.push(setting),
+            Some(Err(found)) => return Err(Failure::unreadable(format_args!("{}: {found}", path.display()))),
+        }
+    }
+    if missing > 0 {
+        eprintln!(
+            "warning: {}: {missing} rows have no position; they are left out",
+            path.display()
+        );
+    }
+    let source = if header.simulated {
+        format!("SIMULATED {} seed {}", header.machine, header.seed)
+    } else {
+        header.machine.clone()
+    };
+    Ok(Recording {
+        points,
+        frame: RecordFrame::Machine,
+        source,
+        simulated: header.simulated,
+        gaps: vec![],
+        events,
+    })
+}

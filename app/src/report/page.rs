@@ -1,0 +1,345 @@
+//! The report as one HTML file: verdict first, then what was found, then the numbers, then the pictures, then the proof.
+
+use super::Page;
+use super::plot::{Plot, Series, escape};
+use crate::clock;
+use asrun::{Report, ToleranceSource, Verdict, WorkingstepReport};
+use std::fmt::Write;
+use units::Timestamp;
+
+/// The whole page.
+pub fn html(page: &Page<'_>) -> String {
+    let report = page.report;
+    let simulated = if report.simulated { "SIMULATED " } else { "" };
+    let subject = if page.program.is_empty() { &report.name } else { page.program };
+    let title = format!("{simulated}run of {subject}");
+    let mut out = String::with_capacity(1 << 16);
+    let _ = write!(
+        out,
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'><meta name='viewport' content='width=device-width'>\
+         <meta http-equiv='Content-Security-Policy' content=\"default-src 'none'; style-src 'unsafe-inline'\">\
+         <title>{}</title><style>{STYLE}</style></head><body><main>",
+        escape(&title)
+    );
+    head(&mut out, page, &title);
+    findings(&mut out, report);
+    table(&mut out, report);
+    overview(&mut out, report);
+    for w in &report.workingsteps {
+        workingstep(&mut out, w);
+    }
+    proof(&mut out, page);
+    out.push_str("</main></body></html>\n");
+    out
+}
+
+fn head(out: &mut String, page: &Page<'_>, title: &str) {
+    let report = page.report;
+    let (icon, class, words) = match report.verdict {
+        Verdict::Good => ("✓", "good", "good"),
+        Verdict::OutOfTolerance => ("✗", "bad", "out of tolerance"),
+        Verdict::Incomplete => ("◐", "bad", "incomplete"),
+        Verdict::NotJudged => ("–", "none", "not judged"),
+    };
+    let _ = write!(
+        out,
+        "<header><h1>{}</h1><p class='verdict {class}'><b>{icon}</b> {words}</p></header>",
+        escape(title)
+    );
+    if report.simulated {
+        out.push_str("<p class='simulated'>SIMULATED: every number on this page comes from a simulated machine.</p>");
+    }
+    let times = |pick: fn(&WorkingstepReport) -> Option<f64>| -> String {
+        let known: Vec<f64> = report.workingsteps.iter().filter_map(pick).collect();
+        if known.is_empty() {
+            "–".into()
+        } else {
+            format!("{:.1} s", known.iter().sum::<f64>())
+        }
+    };
+    let tolerance = match report.tolerance_source {
+        ToleranceSource::Path => "from the program's paths".to_owned(),
+        ToleranceSource::Given => format!("{:.3} mm, given", report.tolerance_mm),
+        ToleranceSource::Default => format!("{:.3} mm, the default", report.tolerance_mm),
+    };
+    out.push_str("<dl>");
+    let mut fact = |name: &str, value: &str| {
+        let _ = write!(out, "<div><dt>{name}</dt><dd>{}</dd></div>", escape(value));
+    };
+    fact("machine", page.machine);
+    fact("started", &clock::utc(Timestamp(report.start_ns)));
+    fact("ended", &clock::utc(Timestamp(report.end_ns)));
+    if let Some(ended) = &page.ended {
+        fact("how", ended);
+    }
+    fact("workingsteps planned", &times(|w| w.time_planned_s));
+    fact("workingsteps real", &times(|w| w.time_real_s));
+    fact("samples", &format!("{}, {} unmatched", report.samples, report.unmatched));
+    fact("runs", &format!("{} feed, {} rapid", report.feed_runs, report.rapid_runs));
+    fact("tolerance", &tolerance);
+    out.push_str("</dl>");
+}
+
+fn findings(out: &mut String, report: &Report) {
+    out.push_str("<h2>Findings</h2>");
+    if report.findings.is_empty() {
+        out.push_str("<p>Nothing that a person should know beyond the numbers.</p>");
+        return;
+    }
+    out.push_str("<ul class='findings'>");
+    for finding in &report.findings {
+        let _ = write!(out, "<li>{}</li>", escape(finding));
+    }
+    out.push_str("</ul>");
+}
+
+fn table(out: &mut String, report: &Report) {
+    if report.workingsteps.is_empty() {
+        return;
+    }
+    out.push_str(
+        "<h2>Workingsteps</h2><p>Distance of the tool tip from the planned path over feed moves, in mm, tool and wear offsets taken \
+         out; judged on p95.</p><div class='wide'><table><thead><tr><th>workingstep</th><th>planned s</th><th>real s</th><th>p95</th>\
+         <th>max</th><th>rms</th><th>allowed</th><th>verdict</th><th>offsets taken out</th></tr></thead><tbody>",
+    );
+    let number = |v: Option<f64>, digits: usize| v.map_or_else(|| "–".to_owned(), |v| format!("{v:.digits$}"));
+    for w in &report.workingsteps {
+        let (class, icon) = match w.verdict {
+            Verdict::Good => ("good", "✓"),
+            Verdict::OutOfTolerance | Verdict::Incomplete => ("bad", "✗"),
+            Verdict::NotJudged => ("none", "–"),
+        };
+        let allowed = match w.tolerance_source {
+            ToleranceSource::Path => format!("{:.3}", w.tolerance_mm),
+            ToleranceSource::Given => format!("{:.3} given", w.tolerance_mm),
+            ToleranceSource::Default => format!("{:.3} default", w.tolerance_mm),
+        };
+        let _ = write!(
+            out,
+            "<tr><th>{}</th><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{allowed}</td>\
+             <td class='{class}'>{icon} {}</td><td class='text'>{}</td></tr>",
+            escape(&w.name),
+            number(w.time_planned_s, 1),
+            number(w.time_real_s, 1),
+            number(w.dev_p95_mm, 4),
+            number(w.dev_max_mm, 4),
+            number(w.dev_rms_mm, 4),
+            w.verdict.word(),
+            escape(&w.offsets)
+        );
+    }
+    out.push_str("</tbody></table></div>");
+}
+
+/// Deviation and speed over the whole run.
+fn overview(out: &mut String, report: &Report) {
+    let collect = |pick: fn(&WorkingstepReport) -> &Vec<[f64; 2]>| -> Vec<Vec<[f64; 2]>> {
+        report.workingsteps.iter().map(|w| pick(w).clone()).collect()
+    };
+    let deviation = collect(|w| &w.plot.deviation);
+    let speed = collect(|w| &w.plot.speed);
+    let limits: Vec<Vec<[f64; 2]>> = report
+        .workingsteps
+        .iter()
+        .filter_map(|w| {
+            let first = w.plot.deviation.first()?[0];
+            let last = w.plot.deviation.last()?[0];
+            Some(vec![[first, w.tolerance_mm], [last, w.tolerance_mm]])
+        })
+        .collect();
+    let plot = Plot {
+        title: "Deviation from the plan over time",
+        x_label: "time, s",
+        y_label: "deviation, mm",
+        series: vec![
+            Series {
+                name: "allowed",
+                class: "limit",
+                pieces: limits,
+            },
+            Series {
+                name: "deviation of feed moves",
+                class: "run",
+                pieces: deviation,
+            },
+        ],
+        same_scale: false,
+        from_zero: true,
+    };
+    figure(out, "Deviation over the run", &plot);
+    let plot = Plot {
+        title: "Speed over time",
+        x_label: "time, s",
+        y_label: "path speed, mm/s",
+        series: vec![Series {
+            name: "",
+            class: "run",
+            pieces: speed,
+        }],
+        same_scale: false,
+        from_zero: true,
+    };
+    figure(out, "Speed over the run", &plot);
+}
+
+fn workingstep(out: &mut String, w: &WorkingstepReport) {
+    let seen_from = view(w);
+    let lines = |lines: &[asrun::PlotLine], kind: &str| -> Vec<Vec<[f64; 2]>> {
+        lines
+            .iter()
+            .filter(|l| l.kind == kind)
+            .map(|l| l.points.iter().map(|p| [p[seen_from.0], p[seen_from.1]]).collect())
+            .collect()
+    };
+    let axes = ["X, mm", "Y, mm", "Z, mm"];
+    let mut series = vec![
+        Series {
+            name: "planned rapid",
+            class: "plan rapid",
+            pieces: lines(&w.plot.plan, "rapid"),
+        },
+        Series {
+            name: "planned feed",
+            class: "plan",
+            pieces: lines(&w.plot.plan, "feed"),
+        },
+        Series {
+            name: "run rapid",
+            class: "run rapid",
+            pieces: lines(&w.plot.executed, "rapid"),
+        },
+        Series {
+            name: "run feed",
+            class: "run",
+            pieces: lines(&w.plot.executed, "feed"),
+        },
+    ];
+    series.retain(|s| !s.pieces.is_empty());
+    let plot = Plot {
+        title: &format!("Planned and executed path of {}", w.name),
+        x_label: axes[seen_from.0],
+        y_label: axes[seen_from.1],
+        series,
+        same_scale: true,
+        from_zero: false,
+    };
+    if plot.svg().is_empty() {
+        return;
+    }
+    let _ = write!(out, "<section><h2>{}</h2>", escape(&w.name));
+    if let Some(worst) = &w.worst {
+        let [x, y, z] = worst.place;
+        let _ = write!(
+            out,
+            "<p>Furthest off: {:.4} mm on ‘{}’ at X {x:.3} Y {y:.3} Z {z:.3}, {:.1} s after the first sample.</p>",
+            worst.dev_mm,
+            escape(&worst.toolpath),
+            worst.time_s
+        );
+    }
+    if let Some(shift) = &w.shift {
+        let [x, y, z] = shift.vector_mm;
+        let _ = write!(
+            out,
+            "<p>A shift of X {x:+.4} Y {y:+.4} Z {z:+.4} mm explains it: p95 {:.4} mm with it, {:.4} mm without.</p>",
+            shift.p95_before_mm, shift.p95_after_mm
+        );
+    }
+    figure(out, "", &plot);
+    out.push_str("</section>");
+}
+
+/// The two axes along which the feed path is largest: from above for most milling, X over Z for turning.
+fn view(w: &WorkingstepReport) -> (usize, usize) {
+    let mut low = [f64::INFINITY; 3];
+    let mut high = [f64::NEG_INFINITY; 3];
+    let feeds = w.plot.plan.iter().chain(&w.plot.executed).filter(|l| l.kind == "feed");
+    for p in feeds.flat_map(|l| &l.points) {
+        for k in 0..3 {
+            low[k] = low[k].min(p[k]);
+            high[k] = high[k].max(p[k]);
+        }
+    }
+    let size: [f64; 3] = std::array::from_fn(|k| (high[k] - low[k]).max(0.0));
+    if size[0] > 1e-6 && size[1] > 1e-6 {
+        (0, 1)
+    } else if size[1] <= 1e-6 {
+        // Turning, or drilling in one hole: along Z to the right, X up, as a lathe is drawn.
+        if size[0] > 1e-6 && size[2] > size[0] { (2, 0) } else { (0, 2) }
+    } else {
+        (1, 2)
+    }
+}
+
+fn figure(out: &mut String, caption: &str, plot: &Plot<'_>) {
+    let svg = plot.svg();
+    if !svg.is_empty() {
+        let heading = if caption.is_empty() {
+            String::new()
+        } else {
+            format!("<h2>{caption}</h2>")
+        };
+        let _ = write!(out, "{heading}<figure>{svg}</figure>");
+    }
+}
+
+fn proof(out: &mut String, page: &Page<'_>) {
+    let s = &page.report.settings;
+    out.push_str("<h2>How this was made</h2><table class='proof'>");
+    let mut row = |name: &str, value: &str| {
+        let _ = write!(
+            out,
+            "<tr><th>{}</th><td class='text'>{}</td></tr>",
+            escape(name),
+            escape(value)
+        );
+    };
+    row("source of the record", &page.report.source);
+    row("matching", s.matching);
+    row("frame of the record", &format!("{} ({})", s.frame, s.frame_quality));
+    if let Some([x, y, z]) = s.shift_mm {
+        row(
+            "shift laid on the record",
+            &format!("X {x:+.4} Y {y:+.4} Z {z:+.4} mm (estimated)"),
+        );
+    }
+    row("time between samples", &format!("{:.1} ms (median)", s.interval_s * 1000.0));
+    row("noise seen in the record", &format!("{:.4} mm", s.noise_mm));
+    if let Some(threshold) = s.threshold_mm_s {
+        row(
+            "faster than this is rapid",
+            &format!("{threshold:.2} mm/s (derived from the record)"),
+        );
+    }
+    if let Some(separation) = s.separation {
+        row("how clearly feed and rapid are apart", &format!("{separation:.3} of 1"));
+    }
+    for (name, value) in &page.provenance {
+        row(name, value);
+    }
+    out.push_str("</table>");
+}
+
+const STYLE: &str = "\
+:root{color-scheme:light dark;--ink:#1a1d21;--dim:#5c6670;--paper:#fff;--line:#d9dee3;--plan:#9aa4ae;--run:#0b63ce;--good:#12703a;--bad:#b3261e;--warn:#8a5a00}\
+@media(prefers-color-scheme:dark){:root{--ink:#e6e9ec;--dim:#9aa4ae;--paper:#15181c;--line:#30363d;--plan:#66707a;--run:#6aa9ff;--good:#5bd38a;--bad:#ff8a80;--warn:#ffc66b}}\
+body{margin:0;background:var(--paper);color:var(--ink);font:15px/1.5 system-ui,sans-serif}\
+main{max-width:820px;margin:0 auto;padding:24px 16px 64px}\
+header{display:flex;justify-content:space-between;align-items:baseline;gap:16px;flex-wrap:wrap}\
+h1{font-size:22px;margin:0;overflow-wrap:anywhere}h2{font-size:17px;margin:32px 0 8px}\
+.verdict{margin:0;padding:4px 14px;border:2px solid;border-radius:6px;font-weight:600}\
+.good{color:var(--good)}.bad{color:var(--bad)}.none{color:var(--dim)}\
+.simulated{border-left:4px solid var(--warn);padding:4px 12px;color:var(--warn);font-weight:600}\
+dl{display:grid;grid-template-columns:repeat(auto-fill,minmax(230px,1fr));gap:4px 24px;margin:16px 0}\
+dt{color:var(--dim);font-size:13px}dd{margin:0;font-variant-numeric:tabular-nums}\
+.findings{padding-left:20px}.findings li{margin:4px 0}\
+.wide{overflow-x:auto}table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums;font-size:14px}\
+th,td{padding:4px 8px;border-bottom:1px solid var(--line);text-align:right;vertical-align:top}\
+th:first-child,td.text{text-align:left}thead th{color:var(--dim);font-weight:500}\
+tbody th{font-weight:500}.proof td{overflow-wrap:anywhere;font-size:13px}.proof th{color:var(--dim);white-space:nowrap}\
+figure{margin:0}svg{width:100%;height:auto;display:block}svg text{fill:var(--dim);font-size:12px}\
+svg path{fill:none;stroke-width:1.6;stroke-linejoin:round}svg .grid{stroke:var(--line);stroke-width:1}\
+.plan{stroke:var(--plan);stroke-width:4!important}.run{stroke:var(--run)}.limit{stroke:var(--bad);stroke-dasharray:6 4}\
+.rapid{stroke-dasharray:3 4;opacity:.7}.plan.rapid{stroke-width:1.4!important}\
+.legend{display:flex;gap:20px;flex-wrap:wrap;font-size:13px;color:var(--dim);margin:4px 0 0 64px}.legend span{display:flex;align-items:center;gap:6px}\
+svg.key{width:24px;height:8px}@media print{main{max-width:none}}";
