@@ -25,8 +25,21 @@ const ALLOWED: &[&str] = &[
 
 /// The long runs: name, package, test name filter, environment variable of the count, and the full count.
 const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
-    ("world", "cell", "faults_from_any_seed", "TOOLMARK_SEEDS", 10_000),
-    ("kill", "store", "killed_at_a_random_moment", "TOOLMARK_KILLS", 200),
+    ("world", "cell", "a_hundred_seeds_of_faults_break_nothing", "SEEDS", 10_000),
+    (
+        "kill",
+        "store",
+        "a_process_killed_at_any_moment_loses_nothing_it_acknowledged",
+        "KILLS",
+        200,
+    ),
+    (
+        "blocks",
+        "motion",
+        "a_long_program_passes_through_a_bounded_window",
+        "BLOCKS",
+        10_000_000,
+    ),
 ];
 
 fn main() -> ExitCode {

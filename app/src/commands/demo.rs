@@ -14,6 +14,7 @@ use crate::{clock, report, say, shop};
 use asrun::{Report, Verdict, WorkingstepReport};
 use cell::sim::measure::{Feature, Gauge, Measurement, Part};
 use cell::{Ended, Fault, WorkingstepSelector};
+use ledger::ChangeRequest;
 use serde_json::{Value, json};
 use sizing::{Dimension, Entry, Present, Response, Role, Unit};
 use std::path::{Path, PathBuf};
@@ -214,6 +215,7 @@ impl Story<'_> {
             increment: Millimetres(0.001),
             role: Role::Controls,
         };
+        self.new_insert(&register)?;
         let feature = Feature::TurnedDiameter {
             z_from: Millimetres(-44.0),
             z_to: Millimetres(-28.0),
@@ -268,6 +270,23 @@ impl Story<'_> {
                 "second_mm": second.value.0,
             }),
         })
+    }
+
+    /// A data directory that was used before holds the correction of the last demo: a new insert begins without wear.
+    fn new_insert(&mut self, register: &str) -> Result<(), Failure> {
+        let worn = self.directory.value(register).map_err(shop::failure)?;
+        if worn.is_some_and(|wear| wear != 0.0) {
+            let request = ChangeRequest {
+                path: register.to_owned(),
+                to: 0.0,
+                expected: worn,
+                who: self.who(),
+                why: "a new insert was put in".into(),
+                when: self.start + Seconds(1100.0),
+            };
+            self.directory.change_value(&request).map_err(shop::failure)?;
+        }
+        Ok(())
     }
 
     fn say_size(&self, which: &str, m: &Measurement, seat: &Dimension) {

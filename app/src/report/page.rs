@@ -100,7 +100,7 @@ fn table(out: &mut String, report: &Report) {
     out.push_str(
         "<h2>Workingsteps</h2><p>Distance of the tool tip from the planned path over feed moves, in mm, tool and wear offsets taken \
          out; judged on p95.</p><div class='wide'><table><thead><tr><th>workingstep</th><th>planned s</th><th>real s</th><th>p95</th>\
-         <th>max</th><th>rms</th><th>allowed</th><th>verdict</th><th>offsets taken out</th></tr></thead><tbody>",
+         <th>max</th><th>rms</th><th>allowed</th><th>verdict</th><th class='text'>offsets taken out</th></tr></thead><tbody>",
     );
     let number = |v: Option<f64>, digits: usize| v.map_or_else(|| "–".to_owned(), |v| format!("{v:.digits$}"));
     for w in &report.workingsteps {
@@ -156,11 +156,13 @@ fn overview(out: &mut String, report: &Report) {
                 name: "allowed",
                 class: "limit",
                 pieces: limits,
+                fits: true,
             },
             Series {
                 name: "deviation of feed moves",
                 class: "run",
                 pieces: deviation,
+                fits: true,
             },
         ],
         same_scale: false,
@@ -175,6 +177,7 @@ fn overview(out: &mut String, report: &Report) {
             name: "",
             class: "run",
             pieces: speed,
+            fits: true,
         }],
         same_scale: false,
         from_zero: true,
@@ -197,21 +200,25 @@ fn workingstep(out: &mut String, w: &WorkingstepReport) {
             name: "planned rapid",
             class: "plan rapid",
             pieces: lines(&w.plot.plan, "rapid"),
+            fits: false,
         },
         Series {
             name: "planned feed",
             class: "plan",
             pieces: lines(&w.plot.plan, "feed"),
+            fits: true,
         },
         Series {
             name: "run rapid",
             class: "run rapid",
             pieces: lines(&w.plot.executed, "rapid"),
+            fits: false,
         },
         Series {
             name: "run feed",
             class: "run",
             pieces: lines(&w.plot.executed, "feed"),
+            fits: true,
         },
     ];
     series.retain(|s| !s.pieces.is_empty());
@@ -335,7 +342,7 @@ dt{color:var(--dim);font-size:13px}dd{margin:0;font-variant-numeric:tabular-nums
 .findings{padding-left:20px}.findings li{margin:4px 0}\
 .wide{overflow-x:auto}table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums;font-size:14px}\
 th,td{padding:4px 8px;border-bottom:1px solid var(--line);text-align:right;vertical-align:top}\
-th:first-child,td.text{text-align:left}thead th{color:var(--dim);font-weight:500}\
+th:first-child,td.text,th.text{text-align:left}thead th{color:var(--dim);font-weight:500}\
 tbody th{font-weight:500}.proof td{overflow-wrap:anywhere;font-size:13px}.proof th{color:var(--dim);white-space:nowrap}\
 figure{margin:0}svg{width:100%;height:auto;display:block}svg text{fill:var(--dim);font-size:12px}\
 svg path{fill:none;stroke-width:1.6;stroke-linejoin:round}svg .grid{stroke:var(--line);stroke-width:1}\

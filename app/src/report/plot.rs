@@ -10,6 +10,8 @@ pub struct Series<'a> {
     pub class: &'a str,
     /// Pieces of connected points, in the units of the axes.
     pub pieces: Vec<Vec<[f64; 2]>>,
+    /// The picture is made so large that this fits; what does not count is cut off at its edge.
+    pub fits: bool,
 }
 
 /// A picture with two axes.
@@ -111,6 +113,11 @@ impl Plot<'_> {
             TOP + inner_height / 2.0,
             escape(self.y_label)
         );
+        let _ = write!(
+            svg,
+            "<svg x='{LEFT}' y='{TOP}' width='{inner_width:.1}' height='{inner_height:.1}' \
+             viewBox='{LEFT} {TOP} {inner_width:.1} {inner_height:.1}'>"
+        );
         for series in &self.series {
             let mut d = String::new();
             for piece in series.pieces.iter().filter(|p| !p.is_empty()) {
@@ -122,7 +129,7 @@ impl Plot<'_> {
                 let _ = write!(svg, "<path class='{}' d='{d}'/>", series.class);
             }
         }
-        svg.push_str("</svg>");
+        svg.push_str("</svg></svg>");
         let named: Vec<_> = self
             .series
             .iter()
@@ -144,9 +151,11 @@ impl Plot<'_> {
     }
 
     fn bounds(&self) -> Option<([f64; 2], [f64; 2])> {
+        let any_fits = self.series.iter().any(|s| s.fits && s.pieces.iter().any(|p| !p.is_empty()));
         let mut points = self
             .series
             .iter()
+            .filter(|s| s.fits || !any_fits)
             .flat_map(|s| s.pieces.iter().flatten())
             .filter(|p| p[0].is_finite() && p[1].is_finite());
         let first = *points.next()?;
@@ -221,6 +230,7 @@ mod tests {
                 name: "<b>",
                 class: "run",
                 pieces: vec![vec![[0.0, 0.0], [1.0, 1.0]]],
+                fits: true,
             }],
             same_scale: true,
             from_zero: false,

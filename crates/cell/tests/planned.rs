@@ -188,7 +188,10 @@ fn squared_distance(p: [f64; 3], from: [f64; 3], to: [f64; 3]) -> f64 {
 fn a_hundred_seeds_of_faults_break_nothing_with_the_planner_either() {
     let seeds = match std::env::var("SEED") {
         Ok(seed) => vec![seed.parse().expect("SEED is a number")],
-        Err(_) => (1..=100).collect::<Vec<u64>>(),
+        Err(_) => {
+            let count = std::env::var("SEEDS").ok().and_then(|n| n.parse().ok()).unwrap_or(100);
+            (1..=count).collect::<Vec<u64>>()
+        }
     };
     let (_, right) = run(config(), Box::new(common::program(1)));
     let path = PathIndex::new(right.samples.iter().map(|s| s.commanded));

@@ -195,7 +195,10 @@ fn distance(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
 fn a_hundred_seeds_of_faults_break_nothing() {
     let seeds = match std::env::var("SEED") {
         Ok(seed) => vec![seed.parse().expect("SEED is a number")],
-        Err(_) => (1..=100).collect::<Vec<u64>>(),
+        Err(_) => {
+            let count = std::env::var("SEEDS").ok().and_then(|n| n.parse().ok()).unwrap_or(100);
+            (1..=count).collect::<Vec<u64>>()
+        }
     };
     let mut endings = std::collections::BTreeMap::<&str, u32>::new();
     for seed in &seeds {

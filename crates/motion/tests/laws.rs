@@ -490,10 +490,7 @@ fn with_constant_surface_speed_the_spindle_follows_the_radius() {
 #[test]
 fn a_long_program_passes_through_a_bounded_window() {
     // The stream is a function: what the planner keeps is all there is. 200 000 chords here, 10 million in the soak.
-    let count: u32 = std::env::var("TOOLMARK_BLOCKS")
-        .ok()
-        .and_then(|v| v.parse().ok())
-        .unwrap_or(200_000);
+    let count: u32 = std::env::var("BLOCKS").ok().and_then(|v| v.parse().ok()).unwrap_or(200_000);
     let place = |k: u32| {
         let u = f64::from(k) * 0.004;
         [25.0 * libm::cos(u), 25.0 * libm::sin(u), 0.0]
