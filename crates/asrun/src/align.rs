@@ -29,7 +29,7 @@ const SHORT: f64 = 0.02;
 /// Candidates kept for a sample.
 const MOST: usize = 16;
 /// Candidates this much dearer than the best are given up.
-const BEAM: f64 = 80.0;
+const BEAM: f64 = 50.0;
 /// Samples after which everything but the last [`TAIL`] is decided, so that memory does not grow with the record.
 const BLOCK: usize = 40_000;
 const TAIL: usize = 2_000;
@@ -86,6 +86,10 @@ pub(crate) fn align(flat: &Flat, spots: &[Spot], radius: f64) -> Alignment {
                 node.cost = own + if node.s > 0.0 { JUMP / 4.0 } else { 0.0 };
             }
             for (b, prior) in before.iter().enumerate() {
+                // The column is in order of cost: what follows is dearer before its step is counted.
+                if prior.cost + own >= node.cost {
+                    break;
+                }
                 let cost = prior.cost + own + step_cost(spots, prior, &node, spot);
                 if cost < node.cost {
                     (node.cost, node.back) = (cost, b as u8);
@@ -115,6 +119,8 @@ pub(crate) fn align(flat: &Flat, spots: &[Spot], radius: f64) -> Alignment {
         column.push(off);
         let least = column.iter().map(|n| n.cost).fold(f64::INFINITY, f64::min);
         column.retain(|n| n.cost <= least + BEAM);
+        column.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        column.truncate(MOST);
         // Costs are only compared: taking the least away keeps them small over millions of samples.
         for node in &mut column {
             node.cost -= least;
@@ -143,10 +149,13 @@ fn decide(columns: &[Vec<Node>], first: usize, hits: &mut [Option<Hit>]) {
     }
 }
 
-/// Places of the plan near a sample: the nearest ones anywhere, and for each way that is still alive the nearest ahead of it.
+/// Places of the plan near a sample. For each way that is still alive, those that the machine can have come to since; when that finds
+/// nothing near, all of the plan is searched.
 fn candidates(flat: &Flat, spots: &[Spot], k: usize, before: &[Node], radius: f64, found: &mut Vec<Hit>) {
+    found.clear();
     let p = spots[k].place;
-    // A narrow look first: on the path there is no need to hear of everything around.
+    let all = 0..flat.chords.len();
+    // How near the plan the record runs at present: on the path there is no need to hear of everything around.
     let near = before
         .iter()
         .filter_map(|n| n.hit)
@@ -157,27 +166,59 @@ fn candidates(flat: &Flat, spots: &[Spot], k: usize, before: &[Node], radius: f6
     } else {
         radius
     };
-    flat.minima(p, narrow, found);
-    if found.is_empty() && narrow < radius {
-        flat.minima(p, radius, found);
-    }
-    if found.len() > MOST {
-        found.sort_by(|a, b| a.distance.total_cmp(&b.distance));
-        found.truncate(MOST);
-    }
+    let mut windows: Vec<std::ops::Range<usize>> = Vec::with_capacity(before.len());
     for node in before.iter().filter(|n| n.anchor != u32::MAX) {
-        let moved = distance(spots[node.anchor as usize].place, p);
-        let from = flat.chord_at(node.s - 0.05);
-        let to = flat.chord_at(node.s + 1.5 * moved + 0.5) + 1;
-        if let Some(hit) = flat.nearest(p, from..to, radius, node.hit.map(|h| h.chord as usize)) {
-            found.push(hit);
+        let anchor = &spots[node.anchor as usize];
+        let by_way = flat.chord_at(node.s + 1.5 * distance(anchor.place, p) + 0.5);
+        let by_time = flat.chord_at_time(node.time + 3.0 * (spots[k].time - anchor.time) + 0.1);
+        // After a tool change anything may have passed; what lies far ahead is found by the search over all.
+        let to = by_way.max(by_time.min(by_way + FAR_AHEAD));
+        windows.push(flat.chord_at(node.s - 0.05)..to + 1);
+    }
+    windows.sort_by_key(|w| w.start);
+    let mut end = 0;
+    for window in &windows {
+        // Places are looked for once; the nearest of each window is always among the candidates.
+        let from = window.start.max(end);
+        if from < window.end {
+            let before = found.len();
+            flat.minima(p, from..window.end, narrow, found);
+            if found.len() == before
+                && let Some(hit) = flat.nearest(p, window.clone(), radius, None)
+            {
+                found.push(hit);
+            }
+            end = window.end;
         }
+    }
+    let lost = !found.iter().any(|h| h.distance <= near * 3.0 + 0.1) || before.first().is_none_or(|n| n.hit.is_none());
+    if lost {
+        let known = found.len();
+        flat.minima(p, all.clone(), narrow, found);
+        if found.len() == known && narrow < radius {
+            flat.minima(p, all, radius, found);
+        }
+        // Nearest first, and the next few in the program's order: of many passes over the same place the next is as likely as the
+        // nearest.
+        let ahead = before.first().map_or(0.0, |n| n.s);
+        let mut next: Vec<Hit> = found[known..]
+            .iter()
+            .filter(|h| flat.s_at(h) >= ahead - 0.05)
+            .take(MOST / 2)
+            .copied()
+            .collect();
+        found.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+        found.truncate(2 * MOST);
+        found.append(&mut next);
     }
     found.sort_by(|a, b| a.chord.cmp(&b.chord).then(a.t.total_cmp(&b.t)));
     found.dedup_by(|a, b| a.chord == b.chord && (a.t - b.t).abs() < 1e-9);
     // `back` is a byte.
     found.truncate(200);
 }
+
+/// Chords that are looked ahead by time.
+const FAR_AHEAD: usize = 2000;
 
 /// What it costs to come from one candidate to the next.
 fn step_cost(spots: &[Spot], prior: &Node, node: &Node, spot: &Spot) -> f64 {

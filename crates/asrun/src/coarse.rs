@@ -20,34 +20,52 @@ pub(crate) fn fit_shift(flat: &Flat, spots: &[Spot]) -> Option<(f64, V3)> {
             moving.push(spot.place);
         }
     }
-    let stride = moving.len().div_ceil(LOOKED_AT);
-    let few: Vec<V3> = moving.iter().copied().step_by(stride).collect();
-    let radius = f64::MAX.sqrt();
+    let thinned = |most: usize| -> Vec<V3> { moving.iter().copied().step_by(moving.len().div_ceil(most)).collect() };
+    let (few, many) = (thinned(FIRST_LOOK), thinned(LOOKED_AT));
+    // A short look at every guess, a long one at the best.
+    let mut tried: Vec<(f64, V3)> = guesses(flat, &moving)
+        .into_iter()
+        .map(|guess| refine(flat, &few, guess, 8))
+        .collect();
+    // The guesses are in order of how simple they are, and the sort keeps that for equals.
+    tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+    tried.truncate(3);
     let mut best: Option<(f64, V3)> = None;
-    for guess in guesses(flat, &moving) {
-        // `fit` gives the shift from plan to run; what is added to the run is its opposite.
-        let shift = fit(&few, scale(guess, -1.0), 40, &mut |_, place| {
-            let hit = flat.nearest(place, 0..flat.chords.len(), radius, None)?;
-            let along = flat.chords[hit.chord as usize].along;
-            Some(Foot {
-                place: flat.place(&hit),
-                direction: scale(along, 1.0 / length(along)),
-            })
-        });
-        let mut off: Vec<f64> = few
-            .iter()
-            .map(|p| {
-                flat.nearest(sub(*p, shift), 0..flat.chords.len(), radius, None)
-                    .map_or(f64::INFINITY, |h| h.distance)
-            })
-            .collect();
-        let score = quantile(&mut off, 0.8);
-        // The guesses are in order of how simple they are: a later one must be clearly better.
+    for (_, shift) in tried {
+        let (score, shift) = refine(flat, &many, shift, 40);
         if best.is_none_or(|(least, _)| score < least * 0.8 - 1e-3) {
-            best = Some((score, scale(shift, -1.0)));
+            best = Some((score, shift));
         }
     }
     best
+}
+
+/// Samples that a first guess is tried on.
+const FIRST_LOOK: usize = 150;
+
+/// Refines what has to be added to `samples`; gives how well they lie then, and the shift.
+fn refine(flat: &Flat, samples: &[V3], guess: V3, rounds: usize) -> (f64, V3) {
+    let radius = f64::MAX.sqrt();
+    let mut last: Vec<Option<usize>> = vec![None; samples.len()];
+    // `fit` gives the shift from plan to run; what is added to the run is its opposite.
+    let shift = fit(samples, scale(guess, -1.0), rounds, &mut |k, place| {
+        let hit = flat.nearest(place, 0..flat.chords.len(), radius, last[k])?;
+        last[k] = Some(hit.chord as usize);
+        let along = flat.chords[hit.chord as usize].along;
+        Some(Foot {
+            place: flat.place(&hit),
+            direction: scale(along, 1.0 / length(along)),
+        })
+    });
+    let mut off: Vec<f64> = samples
+        .iter()
+        .zip(&last)
+        .map(|(p, last)| {
+            flat.nearest(sub(*p, shift), 0..flat.chords.len(), radius, *last)
+                .map_or(f64::INFINITY, |h| h.distance)
+        })
+        .collect();
+    (quantile(&mut off, 0.8), scale(shift, -1.0))
 }
 
 /// First guesses: none; boxes laid on each other by their middles and by each corner; and places at equal shares of the way travelled.

@@ -73,8 +73,8 @@ impl Bounds {
     }
     fn square_distance(&self, p: V3) -> f64 {
         let mut sum = 0.0;
-        for k in 0..3 {
-            let out = (self.low[k] - p[k]).max(p[k] - self.high[k]).max(0.0);
+        for ((low, high), c) in self.low.iter().zip(self.high).zip(p) {
+            let out = (low - c).max(c - high).max(0.0);
             sum += out * out;
         }
         sum
@@ -256,6 +256,10 @@ impl Flat {
     pub(crate) fn chord_at(&self, s: f64) -> usize {
         self.chords.partition_point(|c| c.s <= s).saturating_sub(1)
     }
+    /// The chord that is run at a nominal time.
+    pub(crate) fn chord_at_time(&self, time: f64) -> usize {
+        self.chords.partition_point(|c| c.time <= time).saturating_sub(1)
+    }
     /// Size of the whole chain: the diagonal of its box.
     pub(crate) fn diagonal(&self) -> f64 {
         self.levels
@@ -309,10 +313,7 @@ impl Flat {
         limit: &mut f64,
         leaf: &mut dyn FnMut(Range<usize>, &mut f64),
     ) {
-        let mut width = LEAF;
-        for _ in 0..level {
-            width *= FAN;
-        }
+        let width = LEAF * FAN.pow(level as u32);
         let covered = index * width..((index + 1) * width).min(self.chords.len());
         if covered.start >= range.end || covered.end <= range.start || self.levels[level][index].square_distance(p) > *limit {
             return;
@@ -343,32 +344,60 @@ impl Flat {
                 });
             }
         }
-        self.walk(p, &range, &mut limit, &mut |chords, limit| {
+        if !range.is_empty() {
+            self.descend(self.levels.len() - 1, 0, p, &range, &mut limit, &mut best);
+        }
+        best
+    }
+
+    /// Looks into the nearest boxes first.
+    fn descend(&self, level: usize, index: usize, p: V3, range: &Range<usize>, limit: &mut f64, best: &mut Option<Hit>) {
+        if level == 0 {
+            let chords = (index * LEAF).max(range.start)..((index + 1) * LEAF).min(range.end);
             for k in chords {
                 let (t, square) = nearest_on_chord(p, self.chords[k].from, self.chords[k].along);
                 if square < *limit || (best.is_none() && square <= *limit) {
                     *limit = square;
-                    best = Some(Hit {
+                    *best = Some(Hit {
                         chord: k as u32,
                         t,
                         distance: square.sqrt(),
                     });
                 }
             }
-        });
-        best
+            return;
+        }
+        let width = LEAF * FAN.pow(level as u32 - 1);
+        let below = &self.levels[level - 1];
+        let mut near = [(f64::INFINITY, 0usize); FAN];
+        let mut count = 0;
+        for (child, bounds) in below.iter().enumerate().skip(index * FAN).take(FAN) {
+            if child * width >= range.end || (child + 1) * width <= range.start {
+                continue;
+            }
+            let square = bounds.square_distance(p);
+            if square <= *limit {
+                near[count] = (square, child);
+                count += 1;
+            }
+        }
+        near[..count].sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        for (square, child) in &near[..count] {
+            if *square <= *limit {
+                self.descend(level - 1, *child, p, range, limit, best);
+            }
+        }
     }
 
     /// Places where the distance along the chain has a minimum below `radius`, in the program's order. A stretch of the chain that
     /// runs past the point gives one place, two legs of a corner give two.
-    pub(crate) fn minima(&self, p: V3, radius: f64, found: &mut Vec<Hit>) {
-        found.clear();
+    pub(crate) fn minima(&self, p: V3, range: Range<usize>, radius: f64, found: &mut Vec<Hit>) {
         let mut limit = radius * radius;
         // The hit before, and whether the distance was falling towards it.
         let mut last: Option<Hit> = None;
         let mut falling = true;
-        let all = 0..self.chords.len();
-        self.walk(p, &all, &mut limit, &mut |chords, limit| {
+        let range = range.start..range.end.min(self.chords.len());
+        self.walk(p, &range, &mut limit, &mut |chords, limit| {
             for k in chords {
                 let (t, square) = nearest_on_chord(p, self.chords[k].from, self.chords[k].along);
                 if square > *limit {

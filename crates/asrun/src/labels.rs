@@ -6,6 +6,7 @@
 use crate::align::{Spot, align};
 use crate::flat::{Flat, Hit};
 use crate::planned::PlannedProgram;
+use crate::shift::{Foot, fit};
 use crate::vec3::{V3, distance, length, quantile, scale, sub};
 use plan::executed::PathKind;
 
@@ -33,7 +34,10 @@ impl Label {
 pub(crate) fn by_position(plan: &PlannedProgram, flat: &mut Flat, spots: &[Spot], noise: f64, acceleration: f64) -> Vec<Label> {
     let radius = (flat.diagonal() * 0.05).clamp(1.0, 20.0);
     let mut hits = align(flat, spots, radius).hits;
-    if refine_acceleration(flat, spots, &hits, acceleration) {
+    let timed = refine_acceleration(flat, spots, &hits, acceleration);
+    let unshifted = take_shifts_out(plan, flat, spots, &hits, noise);
+    let spots = unshifted.as_deref().unwrap_or(spots);
+    if timed || unshifted.is_some() {
         hits = align(flat, spots, radius).hits;
     }
     let flat = &*flat;
@@ -45,6 +49,76 @@ pub(crate) fn by_position(plan: &PlannedProgram, flat: &mut Flat, spots: &[Spot]
     borders(plan, flat, spots, &hits, noise, &mut labels);
     ends(flat, spots, &hits, noise, &mut labels);
     labels
+}
+
+/// Spots laid on the plan: a shift that a whole workingstep has in common (a set-up that is off) is taken out, so that it does not blur
+/// where toolpaths begin and end. Only labels come from these spots; deviations are measured on the true ones. `None` when there is no
+/// such shift.
+fn take_shifts_out(plan: &PlannedProgram, flat: &Flat, spots: &[Spot], hits: &[Option<Hit>], noise: f64) -> Option<Vec<Spot>> {
+    const MOST: usize = 400;
+    let toolpath = |hit: &Hit| flat.chords[hit.chord as usize].toolpath as usize;
+    let mut shifts: Vec<Option<V3>> = vec![None; plan.workingsteps.len()];
+    let mut samples: Vec<Vec<usize>> = vec![Vec::new(); plan.workingsteps.len()];
+    for (k, hit) in hits.iter().enumerate() {
+        let Some(hit) = hit else { continue };
+        let toolpath = &plan.toolpaths[toolpath(hit)];
+        if let Some(workingstep) = toolpath.workingstep.filter(|_| toolpath.kind == PathKind::Feed) {
+            samples[workingstep].push(k);
+        }
+    }
+    for (shift, all) in shifts.iter_mut().zip(&samples) {
+        let few: Vec<usize> = all.iter().copied().step_by(all.len().div_ceil(MOST).max(1)).collect();
+        let spread = |shift: V3| {
+            let mut off: Vec<f64> = few
+                .iter()
+                .filter_map(|k| {
+                    let range = flat.toolpaths[toolpath(&hits[*k]?)].clone();
+                    Some(
+                        flat.nearest(sub(spots[*k].place, shift), range, f64::MAX.sqrt(), None)?
+                            .distance,
+                    )
+                })
+                .collect();
+            quantile(&mut off, 0.5)
+        };
+        let before = spread([0.0; 3]);
+        if few.len() < 8 || before < 0.005 + 3.0 * noise.min(0.01) {
+            continue;
+        }
+        let places: Vec<V3> = few.iter().map(|k| spots[*k].place).collect();
+        let found = fit(&places, [0.0; 3], 8, &mut |k, place| {
+            let range = flat.toolpaths[toolpath(&hits[few[k]]?)].clone();
+            let hit = flat.nearest(place, range, f64::MAX.sqrt(), None)?;
+            let along = flat.chords[hit.chord as usize].along;
+            Some(Foot {
+                place: flat.place(&hit),
+                direction: scale(along, 1.0 / length(along)),
+            })
+        });
+        if spread(found) < 0.5 * before {
+            *shift = Some(found);
+        }
+    }
+    if shifts.iter().all(Option::is_none) {
+        return None;
+    }
+    let mut present = shifts
+        .iter()
+        .flatten()
+        .next()
+        .copied()
+        .filter(|_| shifts[0].is_some())
+        .unwrap_or_default();
+    let unshifted = spots.iter().zip(hits).map(|(spot, hit)| {
+        if let Some(workingstep) = hit.and_then(|hit| plan.toolpaths[toolpath(&hit)].workingstep) {
+            present = shifts[workingstep].unwrap_or_default();
+        }
+        Spot {
+            time: spot.time,
+            place: sub(spot.place, present),
+        }
+    });
+    Some(unshifted.collect())
 }
 
 /// Times the plan with the acceleration that fits the record's own rapids best; true when it is another one than before.

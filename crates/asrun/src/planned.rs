@@ -525,3 +525,213 @@ impl<'a> Builder<'a> {
         self.program
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plan::{FileId, Marker, Move, Origin, Place, ToolCall};
+    use units::Vector;
+
+    /// A program in memory; an endless one begins again.
+    struct Script {
+        kinds: Vec<StepKind>,
+        at: usize,
+        endless: bool,
+        asks: bool,
+    }
+
+    impl ProgramStream for Script {
+        fn next(&mut self, answer: Option<Answer>) -> Next {
+            if self.asks && answer.is_none() {
+                return Next::Ask(Question::OptionalStop);
+            }
+            if self.at >= self.kinds.len() && !self.endless {
+                return Next::End;
+            }
+            let kind = self.kinds[self.at % self.kinds.len()].clone();
+            self.at += 1;
+            let origin = Origin {
+                file: FileId(0),
+                place: Place::Given,
+            };
+            Next::Step(Step {
+                id: StepId(self.at as u32),
+                origin,
+                kind,
+            })
+        }
+        fn rewind(&mut self) {
+            self.at = 0;
+        }
+        fn diagnostics(&self) -> &[Diagnostic] {
+            &[]
+        }
+        fn file_name(&self, _file: FileId) -> &str {
+            ""
+        }
+    }
+
+    fn read(kinds: Vec<StepKind>) -> PlannedProgram {
+        let mut script = Script {
+            kinds,
+            at: 0,
+            endless: false,
+            asks: false,
+        };
+        PlannedProgram::read(&mut script, "test", &PlanOptions::default(), &mut |_| Answer::Unknown)
+    }
+
+    fn line(from: [f64; 3], to: [f64; 3], feed: Option<f64>, derived: bool) -> StepKind {
+        let speed = feed.map_or(Speed::Rapid, |f| Speed::Feed(Feed::PerTime(MmPerSec(f))));
+        let path = Path::Line {
+            from: Point::from_xyz(from),
+            to: Point::from_xyz(to),
+        };
+        StepKind::Move(Move {
+            path,
+            speed,
+            profile: None,
+            derived,
+        })
+    }
+
+    fn begin(level: Level, name: &str, entity: u64, deviation: Option<f64>) -> StepKind {
+        let maximum_deviation = deviation.map(Millimetres);
+        StepKind::Begin(Marker {
+            level,
+            name: name.into(),
+            entity: Some(entity),
+            maximum_deviation,
+            derived: false,
+        })
+    }
+
+    fn told(program: &PlannedProgram) -> Vec<String> {
+        let one = |t: &PlannedToolpath| {
+            let workingstep = t.workingstep.map_or("-", |w| program.workingsteps[w].name.as_str());
+            format!(
+                "{workingstep}/{} {} {:?} {}",
+                t.name,
+                t.kind.word(),
+                t.entity,
+                t.segments.len()
+            )
+        };
+        program.toolpaths.iter().map(one).collect()
+    }
+
+    #[test]
+    fn markers_of_a_program_make_its_toolpaths_and_links_stay_apart() {
+        let o = [0.0; 3];
+        let program = read(vec![
+            begin(Level::Workplan, "main", 1, None),
+            begin(Level::Workplan, "first side", 2, None),
+            begin(Level::Workingstep, "pocket", 3, None),
+            begin(Level::Toolpath, "approach", 4, None),
+            line(o, [0.0, 0.0, 5.0], None, true),
+            line([0.0, 0.0, 5.0], [9.0, 0.0, 5.0], None, false),
+            StepKind::End(Level::Toolpath),
+            begin(Level::Toolpath, "cut", 5, Some(0.02)),
+            line([9.0, 0.0, 5.0], [9.0, 9.0, 5.0], Some(10.0), false),
+            line([9.0, 9.0, 5.0], [0.0, 9.0, 5.0], Some(10.0), false),
+            StepKind::End(Level::Toolpath),
+            begin(Level::Toolpath, "", 6, None),
+            StepKind::Dwell(Seconds(0.5)),
+            StepKind::End(Level::Toolpath),
+            StepKind::End(Level::Workingstep),
+            line([0.0, 9.0, 5.0], o, None, true),
+        ]);
+        assert_eq!(
+            told(&program),
+            [
+                "pocket/link 1 rapid None 1",
+                "pocket/approach rapid Some(4) 1",
+                "pocket/cut feed Some(5) 2",
+                "pocket/dwell 1 dwell Some(6) 0",
+                "-/link 3 rapid None 1"
+            ]
+        );
+        let pocket = &program.workingsteps[0];
+        assert_eq!(
+            pocket.within,
+            [("main".to_owned(), Some(1)), ("first side".to_owned(), Some(2))]
+        );
+        assert_eq!(pocket.maximum_deviation, Some(Millimetres(0.02)));
+        assert!(
+            (pocket.time.0 - (5.0 / 500.0 + 9.0 / 500.0 + 1.8 + 0.5)).abs() < 1e-12,
+            "{}",
+            pocket.time
+        );
+        assert_eq!((program.name.as_str(), program.main_workplan), ("main", Some(1)));
+        assert_eq!(program.toolpath_of(StepId(9)), Some(2));
+        assert_eq!(program.toolpath_of(StepId(10)), Some(2));
+        assert_eq!(program.toolpath_of(StepId(13)), Some(3));
+        assert_eq!(program.toolpath_of(StepId(11)), None);
+        assert_eq!(program.toolpath_of(StepId::NONE), None);
+    }
+
+    #[test]
+    fn without_markers_runs_of_one_kind_are_toolpaths_and_a_new_offset_begins_another() {
+        let o = [0.0; 3];
+        let x = [9.0, 0.0, 0.0];
+        let program = read(vec![
+            line(o, x, None, false),
+            line(x, o, None, false),
+            StepKind::Tool(ToolCall {
+                number: ToolNumber(4),
+                name: String::new(),
+                diameter: None,
+            }),
+            line(o, x, Some(10.0), false),
+            StepKind::ToolOffset(ToolOffset {
+                number: 4,
+                geometry: Vector::Z,
+                wear: Vector::ZERO,
+                assumed: false,
+            }),
+            line(x, o, Some(10.0), false),
+        ]);
+        assert_eq!(
+            told(&program),
+            [
+                "program/rapid 1 rapid None 2",
+                "program/feed 1 feed None 1",
+                "program/feed 2 feed None 1"
+            ]
+        );
+        assert_eq!(program.workingsteps.len(), 1);
+    }
+
+    #[test]
+    fn machine_moves_are_rapids_once_the_place_is_known() {
+        let z = |z: f64| {
+            StepKind::MachineMove(plan::MachineMove {
+                to: [None, None, Some(Millimetres(z))],
+            })
+        };
+        let program = read(vec![z(0.0), line([0.0; 3], [9.0, 0.0, 0.0], Some(10.0), false), z(50.0)]);
+        assert_eq!(told(&program), ["program/feed 1 feed None 1", "program/rapid 1 rapid None 1"]);
+        assert_eq!(program.segments[1].path.end().xyz, [9.0, 0.0, 50.0]);
+    }
+
+    #[test]
+    fn an_endless_program_is_read_up_to_the_limit() {
+        let kinds = vec![line([0.0; 3], [9.0, 0.0, 0.0], Some(10.0), false)];
+        let options = PlanOptions {
+            most_steps: 1000,
+            ..PlanOptions::default()
+        };
+        for asks in [false, true] {
+            let mut script = Script {
+                kinds: kinds.clone(),
+                at: 0,
+                endless: true,
+                asks,
+            };
+            let program = PlannedProgram::read(&mut script, "test", &options, &mut |_| Answer::Unknown);
+            assert_eq!(program.ended, PlanEnd::TooLong);
+            assert_eq!(program.segments.len(), 1000);
+            assert_eq!(program.diagnostics[0].code, "plan-too-long");
+        }
+    }
+}

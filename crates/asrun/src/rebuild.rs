@@ -266,7 +266,7 @@ impl Offsets {
             frame: Vec::with_capacity(n),
         };
         let mut sorted: Vec<&InForce> = events.iter().collect();
-        sorted.sort_by_key(|e| e.at);
+        sorted.sort_by_key(|e| (e.at, e.step));
         for (toolpath, planned) in plan.toolpaths.iter().enumerate() {
             let in_force = |event: &&&InForce| {
                 if event.step != StepId::NONE {
@@ -304,6 +304,9 @@ impl Offsets {
             let frame = plan.frame_name(toolpath);
             if !frame.is_empty() {
                 words += frame;
+                if plan.toolpaths[toolpath].frame.is_some_and(|f| plan.frames[f].assumed) {
+                    words += " (assumed)";
+                }
                 words += ", ";
             }
             if offset.number == 0 && offset.total().xyz == [0.0; 3] {
@@ -454,11 +457,20 @@ fn off_path(plan: &PlannedProgram, flat: &Flat, toolpath: usize, tip: V3) -> Opt
     let own = foot(plan, flat, toolpath, tip)?;
     let mut least = own.distance;
     if own.at_end {
-        for neighbour in [toolpath.checked_sub(1), Some(toolpath + 1)].into_iter().flatten() {
-            if neighbour < plan.toolpaths.len()
-                && plan.toolpaths[neighbour].frame == plan.toolpaths[toolpath].frame
-                && let Some(other) = foot(plan, flat, neighbour, tip)
-            {
+        let has_length = |t: &usize| !flat.toolpaths[*t].is_empty();
+        let neighbours = [
+            (0..toolpath).rev().find(has_length),
+            (toolpath + 1..plan.toolpaths.len()).find(has_length),
+        ];
+        for neighbour in neighbours.into_iter().flatten() {
+            // The neighbour may be in another set-up: the machine's frame joins them.
+            let there = if plan.toolpaths[neighbour].frame == plan.toolpaths[toolpath].frame {
+                tip
+            } else {
+                let machine = plan.machine_from_setup(toolpath) * Point::from_xyz(tip);
+                (plan.machine_from_setup(neighbour).inverse() * machine).xyz
+            };
+            if let Some(other) = foot(plan, flat, neighbour, there) {
                 least = least.min(other.distance);
             }
         }
@@ -661,7 +673,7 @@ pub(crate) fn judge(plan: &PlannedProgram, samples: &[Sample], context: Context<
                 d.p95.0, tolerance.0, worst.dev_mm, worst.toolpath, worst.time_s
             ));
         }
-        let feed_ratio = feed_ratio(plan, samples, &offs, pass);
+        let feed_ratio = feed_ratio(plan, samples, &offs, pass, &settings);
         if let Some(ratio) = feed_ratio.filter(|r| (r - 1.0).abs() > 0.05) {
             late_findings.push(format!(
                 "workingstep '{name}' ran at {:.0} % of the planned feed",
@@ -885,21 +897,29 @@ fn executed_toolpath(
     }
 }
 
-/// Real over planned feed: the median over samples whose neighbours are on the same move.
-fn feed_ratio(plan: &PlannedProgram, samples: &[Sample], offs: &[Option<Off>], pass: &Pass) -> Option<f64> {
+/// Real over planned feed: the median over pairs of samples on the same move, far enough apart that their noise does not matter.
+fn feed_ratio(plan: &PlannedProgram, samples: &[Sample], offs: &[Option<Off>], pass: &Pass, settings: &Settings) -> Option<f64> {
     let mut ratios = Vec::new();
     for (toolpath, indices) in &pass.runs {
-        if plan.toolpaths[*toolpath].kind != PathKind::Feed {
+        let planned = &plan.toolpaths[*toolpath];
+        if planned.kind != PathKind::Feed {
             continue;
         }
-        for pair in indices.windows(2).filter(|w| w[1] == w[0] + 1) {
-            let (Some(from), Some(to)) = (offs[pair[0]], offs[pair[1]]) else {
+        let slowest = plan.segments[planned.segments.clone()]
+            .iter()
+            .map(|s| s.speed.0)
+            .fold(f64::INFINITY, f64::min);
+        let step = (slowest * settings.interval_s).max(1e-9);
+        let apart = ((30.0 * settings.noise_mm / step).ceil() as usize).clamp(1, 100);
+        for (k, &first) in indices.iter().enumerate() {
+            let Some(&second) = indices.get(k + apart) else { break };
+            let (Some(from), Some(to)) = (offs[first], offs[second]) else {
                 continue;
             };
-            let Some(segment) = from.segment.filter(|s| Some(*s) == to.segment) else {
+            let Some(segment) = from.segment.filter(|s| Some(*s) == to.segment && second == first + apart) else {
                 continue;
             };
-            let (a, b) = (&samples[pair[0]], &samples[pair[1]]);
+            let (a, b) = (&samples[first], &samples[second]);
             let dt = b.time - a.time;
             if dt > 0.0 {
                 ratios.push(distance(a.tip, b.tip) / dt / plan.segments[segment as usize].speed.0);

@@ -1,7 +1,7 @@
 //! What a machine recorded, as plain data, whatever file it came from.
 //!
 //! Points are where the machine was; [`InForce`] is what the machine itself said was set there: its frame and tool offset, taken from
-//! the job's events. Nothing here is trusted to be in order: [`Recording::ordered`] puts it in order and says what it had to leave out.
+//! the job's events. Nothing here is trusted to be in order: the rebuild puts it in order and says what it had to leave out.
 
 use plan::{Diagnostic, FrameChange, ToolOffset};
 use serde_json::Value;

@@ -48,7 +48,8 @@ pub(crate) fn fit(samples: &[V3], start: V3, rounds: usize, foot: &mut dyn FnMut
         let Some(next) = solve(a, b) else { break };
         let step = sub(next, shift);
         shift = next;
-        if dot(step, step) < 1e-14 {
+        // Ten nanometres.
+        if dot(step, step) < 1e-10 {
             break;
         }
     }
@@ -66,7 +67,7 @@ fn solve(a: [[f64; 3]; 3], b: V3) -> Option<V3> {
     };
     // `a` is symmetric: its rows are its columns.
     let determinant = dot(a[0], cross(a[1], a[2]));
-    if !(determinant.abs() > 0.0) {
+    if determinant == 0.0 || determinant.is_nan() {
         return None;
     }
     let x = add(

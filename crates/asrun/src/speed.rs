@@ -6,7 +6,7 @@
 //!    travelled at it: feed takes most of the time and rapids most of the speed, by way they are about even.
 //! 2. When the upper class falls apart again, clearly and by more than a factor of four, the lower part of it was a fast feed: the split
 //!    moves up. Rapids differ by less: by how many axes move, and by how fast each axis is.
-//! 3. The threshold is laid into the emptiest stretch of speeds above the fastest speed that is *held*: ramps pass every speed, but
+//! 3. The threshold is laid into the lowest stretch without speeds (or the emptiest) above the fastest speed that is *held*: ramps pass every speed, but
 //!    only a feed stays at one.
 //! 4. Hysteresis: an interval beside a rapid belongs to it down to half way (in ratio) from the threshold to the fastest held feed.
 //! 5. A slow stretch between two rapids is a feed only when enough intervals in it agree on a speed, or when it is too long to be the
@@ -106,13 +106,18 @@ pub(crate) fn split(spots: &[Spot]) -> SpeedSplit {
     }
     while let Some((higher, clear)) = otsu(&moving[cut..]) {
         let (low, high) = moving[cut..].split_at(higher);
-        if clear < 0.9 || mean(high) - mean(low) < log(4.0) {
+        // A fast feed is held; what is not held are rapids, and faster still are leaps of the record.
+        let between = (exp(low[0].0), exp(high[0].0));
+        let held_there = held(&paces, between.1).iter().filter(|v| **v >= between.0).count() as f64;
+        if clear < 0.9 || mean(high) - mean(low) < log(4.0) || held_there < HELD * paces.len() as f64 {
             break;
         }
         cut += higher;
         separation = explained(&moving, cut);
     }
-    let (low, high) = (mean(&moving[..cut]), mean(&moving[cut..]));
+    let low = mean(&moving[..cut]);
+    // A quarter of the way at rapid is slower than this: leaps of the record at the other end do not move it.
+    let high = quartile(&moving[cut..]);
     let border = (moving[cut - 1].0 + moving[cut].0) / 2.0;
     let mut held = held(&paces, exp(border));
     // The fastest 2 % may be chance.
@@ -136,12 +141,25 @@ fn mean(values: &[(f64, f64)]) -> f64 {
     if weight > 0.0 { sum / weight } else { 0.0 }
 }
 
+/// The log speed below which a quarter of the way was travelled. The values are sorted.
+fn quartile(values: &[(f64, f64)]) -> f64 {
+    let quarter = values.iter().map(|v| v.1).sum::<f64>() / 4.0;
+    let mut way = 0.0;
+    for (value, weight) in values {
+        way += weight;
+        if way >= quarter {
+            return *value;
+        }
+    }
+    0.0
+}
+
 /// The number of values below the best split, and the share of variance it explains. The values are sorted.
 fn otsu(values: &[(f64, f64)]) -> Option<(usize, f64)> {
     let weight: f64 = values.iter().map(|v| v.1).sum();
     let all = mean(values);
     let variance: f64 = values.iter().map(|v| v.1 * (v.0 - all) * (v.0 - all)).sum();
-    if !(weight > 0.0) || !(variance > 0.0) {
+    if weight <= 0.0 || variance <= 0.0 || variance.is_nan() {
         return None;
     }
     let (mut w, mut sum) = (0.0, 0.0);
@@ -212,6 +230,9 @@ fn agree(paces: &[Pace]) -> bool {
     high <= low * ALIKE
 }
 
+/// A stretch of a third of an octave is wide: feeds that are held scatter by less.
+const WIDE: usize = 4;
+
 /// The middle of the emptiest stretch of log speeds between two: a histogram in steps of a twelfth of an octave.
 fn emptiest(values: &[(f64, f64)], low: f64, high: f64) -> f64 {
     let step = log(2.0) / 12.0;
@@ -240,6 +261,10 @@ fn emptiest(values: &[(f64, f64)], low: f64, high: f64) -> f64 {
         }
         if k - begin > length {
             (best, length) = (begin + k, k - begin);
+        }
+        // The lowest stretch that is wide enough: higher up, speeds are apart because there are few of them.
+        if length >= WIDE {
+            break;
         }
         k += 1;
     }

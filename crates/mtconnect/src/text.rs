@@ -1,7 +1,7 @@
 //! The plain text form: `x y z dt_seconds sequence`, one row a position.
 //!
 //! `dt` is the time since the row before; the first row's is 0. `UNAVAILABLE dt sequence` says that nothing is known. Ours begins with
-//! one line that gives unit, frame and start; readers accept its absence, and so does [`read_text`]:
+//! one line that gives unit, frame and start; readers accept its absence, and so do we:
 //!
 //! ```text
 //! # toolmark recording units=mm frame=machine start=2015-12-21T16:06:36.655Z source=agent 192.168.1.5

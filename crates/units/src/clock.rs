@@ -55,8 +55,13 @@ impl Timestamp {
 impl Add<Seconds> for Timestamp {
     type Output = Timestamp;
     fn add(self, duration: Seconds) -> Timestamp {
-        Timestamp(self.0.saturating_add(libm::round(duration.0 * 1e9) as i64))
+        Timestamp(self.0.saturating_add(nanoseconds(duration)))
     }
+}
+
+/// Whole nanoseconds; a cast of a float saturates.
+fn nanoseconds(duration: Seconds) -> i64 {
+    libm::round(duration.0 * 1e9) as i64
 }
 
 #[cfg(test)]
@@ -67,5 +72,12 @@ mod tests {
     fn a_tick_is_a_millisecond_of_utc() {
         assert_eq!(Timestamp(5).at(Tick(3)), Timestamp(3_000_005));
         assert_eq!(Timestamp(3_000_000).since(Timestamp(0)), Seconds(0.003));
+    }
+
+    #[test]
+    fn times_at_the_two_ends_of_the_range_are_584_years_apart() {
+        let apart = Timestamp(i64::MAX).since(Timestamp(i64::MIN));
+        assert!((apart.0 / (365.25 * 86_400.0) - 584.5).abs() < 0.1);
+        assert_eq!(Timestamp(i64::MAX) + Seconds(1.0), Timestamp(i64::MAX));
     }
 }
