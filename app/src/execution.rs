@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use stepnc::twin::TwinOptions;
 use store::record::{Finished, Header, Writer};
 use store::{DataDirectory, Ending, MachineFile, NewJob, StoreError};
-use units::{Seconds, StepId, Timestamp};
+use units::{Millimetres, Seconds, StepId, Timestamp};
 
 /// What is to be run.
 pub struct Order<'a> {
@@ -42,7 +42,7 @@ pub struct Order<'a> {
     /// Where its files go; the data directory's own folder for the job when `None`.
     pub out: Option<&'a Path>,
     /// Tolerance where the program gives none.
-    pub tolerance: Option<f64>,
+    pub tolerance: Option<Millimetres>,
     /// As fast as possible instead of in real time.
     pub fast: bool,
     /// Who runs it.
@@ -234,7 +234,7 @@ fn rebuild(order: &Order<'_>, record: &Recording, outcome: &Outcome) -> Result<R
     let plan = PlannedProgram::read(&mut *stream, &order.program.name, &options, &mut crate::survey::beforehand);
     let options = asrun::Options {
         name: "run 1".to_owned(),
-        tolerance: order.tolerance.map(units::Millimetres),
+        tolerance: order.tolerance,
         ..asrun::Options::default()
     };
     let mut rebuild = asrun::rebuild(Some(&plan), record, &options);

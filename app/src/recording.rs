@@ -84,11 +84,12 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
             None => RecordFrame::Unknown,
         },
     };
-    let point = |p: &mtconnect::TrackPoint| RecordPoint {
+    // The track is in order; an agent's own numbers begin again when the agent does.
+    let point = |(k, p): (usize, &mtconnect::TrackPoint)| RecordPoint {
         at: p.at,
         position: p.position,
         step: StepId::NONE,
-        sequence: p.sequence,
+        sequence: k as u64 + 1,
     };
     let gap = |g: &mtconnect::Gap| RecordGap {
         from: g.from,
@@ -99,7 +100,7 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
         },
     };
     let recording = Recording {
-        points: track.points.iter().map(point).collect(),
+        points: track.points.iter().enumerate().map(point).collect(),
         frame,
         source: if track.source.is_empty() { name } else { track.source.clone() },
         simulated: false,

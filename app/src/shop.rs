@@ -4,7 +4,7 @@ use crate::cli::Common;
 use crate::failure::{Exit, Failure};
 use machine::MachineParameters;
 use motion::Limits;
-use std::path::PathBuf;
+use std::path::Path;
 use store::machine_file::MachineKind;
 use store::{DataDirectory, MachineFile, StoreError};
 use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3};
@@ -73,7 +73,7 @@ pub fn data_directory(common: &Common) -> Result<DataDirectory, Failure> {
 ///
 /// # Errors
 /// It cannot be opened, or another process holds it.
-pub fn open_data(root: &PathBuf) -> Result<DataDirectory, Failure> {
+pub fn open_data(root: &Path) -> Result<DataDirectory, Failure> {
     let words: Vec<String> = std::env::args().take(2).collect();
     let holder = format!("toolmark {}", words.get(1).map_or("", String::as_str));
     let directory = DataDirectory::open(root, holder.trim()).map_err(failure)?;

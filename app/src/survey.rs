@@ -57,10 +57,8 @@ pub fn survey(stream: Box<dyn ProgramStream + '_>, tables: &Tables, limits: Limi
                 StepKind::Tool(tool) => {
                     found.tools.entry(tool.number).or_insert(tool.name);
                 }
-                StepKind::Frame(frame) => {
-                    if !found.frames.iter().any(|f| f.0 == frame.name) {
-                        found.frames.push((frame.name, frame.assumed));
-                    }
+                StepKind::Frame(frame) if !found.frames.iter().any(|f| f.0 == frame.name) => {
+                    found.frames.push((frame.name, frame.assumed));
                 }
                 StepKind::ToolOffset(offset) if offset.assumed && !found.assumed_offsets.contains(&offset.number) => {
                     found.assumed_offsets.push(offset.number);

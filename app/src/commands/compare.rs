@@ -1,24 +1,19 @@
 //! `toolmark compare`: a run that is in a file already against its plan.
 
 use super::rebuild::planned;
-use super::{Done, print_json};
+use super::{Done, print_json, tolerance};
 use crate::cli::{Common, CompareArgs};
 use crate::failure::{Exit, Failure};
 use crate::program::Program;
 use crate::report;
 use asrun::Verdict;
-use units::Millimetres;
 
 /// Runs the command.
 ///
 /// # Errors
 /// A file cannot be read, is not STEP-NC, or holds no run.
 pub fn compare(args: &CompareArgs, common: &Common) -> Done {
-    if let Some(tolerance) = args.tolerance.filter(|t| !(*t > 0.0)) {
-        return Err(Failure::usage(format_args!(
-            "--tolerance {tolerance}: a length above 0 mm was expected"
-        )));
-    }
+    let tolerance = tolerance(args.tolerance)?;
     let plan = Program::open(&args.plan, common.dialect.as_deref(), None)?;
     let other = match &args.as_executed {
         Some(path) => Some(Program::open(path, None, None)?),
@@ -41,7 +36,7 @@ pub fn compare(args: &CompareArgs, common: &Common) -> Done {
         return Err(Failure::unreadable(format_args!("{}: {what}", holder.path.display())));
     };
     let options = asrun::Options {
-        tolerance: args.tolerance.map(Millimetres),
+        tolerance,
         ..asrun::Options::default()
     };
     let report = asrun::compare(&planned(&plan, common)?, &found.run, &options);

@@ -1,6 +1,6 @@
 //! `toolmark rebuild`: a record becomes as-executed STEP-NC.
 
-use super::{Done, print_json};
+use super::{Done, print_json, tolerance};
 use crate::cli::{Common, DisplayUnits, RebuildArgs};
 use crate::execution::{as_executed, write};
 use crate::failure::{Exit, Failure};
@@ -13,7 +13,6 @@ use asrun::{PlanOptions, PlannedProgram, Verdict};
 use plan::Severity;
 use std::collections::BTreeMap;
 use stepnc::twin::TwinOptions;
-use units::Millimetres;
 
 /// Runs the command.
 ///
@@ -30,11 +29,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         }
         _ => return Err(Failure::usage("with --no-plan there is only the RECORD")),
     };
-    if let Some(tolerance) = args.tolerance.filter(|t| !(*t > 0.0)) {
-        return Err(Failure::usage(format_args!(
-            "--tolerance {tolerance}: a length above 0 mm was expected"
-        )));
-    }
+    let tolerance = tolerance(args.tolerance)?;
     let said = Said {
         frame: args.frame,
         units: (common.units == DisplayUnits::Inch).then_some(DisplayUnits::Inch),
@@ -46,7 +41,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
     }
     let options = asrun::Options {
         name: args.name.clone().unwrap_or_else(|| "run 1".to_owned()),
-        tolerance: args.tolerance.map(Millimetres),
+        tolerance,
         ..asrun::Options::default()
     };
     let program = match plan_file {

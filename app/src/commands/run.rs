@@ -1,7 +1,7 @@
 //! `toolmark run`: check, plan, execute, record, rebuild, report.
 
 use super::check::{print, travels, worst};
-use super::{Done, print_json};
+use super::{Done, print_json, tolerance};
 use crate::cli::{Common, RunArgs};
 use crate::execution::{Order, run as execute};
 use crate::failure::{Exit, Failure};
@@ -18,6 +18,7 @@ use units::Seconds;
 /// # Errors
 /// The program or machine cannot be read, the check fails, or a file cannot be written.
 pub fn run(args: &RunArgs, common: &Common) -> Done {
+    let tolerance = tolerance(args.tolerance)?;
     let thinned = args.as_mtconnect.as_deref().map(thinning).transpose()?;
     let faults = args
         .plant_shift
@@ -63,7 +64,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         faults,
         thinned,
         out: args.out.as_deref(),
-        tolerance: args.tolerance,
+        tolerance,
         fast: args.fast,
         who: &who,
     };
@@ -124,7 +125,7 @@ fn planted_shift(text: &str) -> Result<Fault, Failure> {
         .map_err(|_| expected())?;
     let shift = <[f64; 3]>::try_from(parts).map_err(|_| expected())?;
     // A joke of a shift would leave the machine; the fault is for practice with small ones.
-    if shift.iter().any(|s| !(s.abs() <= 50.0)) {
+    if shift.iter().any(|s| s.is_nan() || s.abs() > 50.0) {
         return Err(Failure::usage(format_args!("--plant-shift {text}: at most 50 mm")));
     }
     Ok(Fault::SetupShift {
