@@ -1,6 +1,6 @@
 //! The fastest speed along a smooth path, under the limits of every axis, in a receding window.
 //!
-//! The path is a sequence of [`Interval`]s of a curve parameter `u`. With b = (du/dt)^2 and e = d(b)/du / 2 = d2u/dt2, axis k has
+//! The path is a sequence of short intervals of a curve parameter `u`. With b = (du/dt)^2 and e = d(b)/du / 2 = d2u/dt2, axis k has
 //! speed q'_k sqrt(b) and acceleration q''_k b + q'_k e (Bobrow, Dubowsky and Gibson 1985; Verscheure and others 2009). b is linear in
 //! u inside an interval, so e is constant there and u(t) is a parabola: nothing has to be inverted or integrated numerically.
 //!
