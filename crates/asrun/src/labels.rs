@@ -48,7 +48,38 @@ pub(crate) fn by_position(plan: &PlannedProgram, flat: &mut Flat, spots: &[Spot]
     loose_rapids(plan, flat, spots, &hits, &mut labels);
     borders(plan, flat, spots, &hits, noise, &mut labels);
     ends(flat, spots, &hits, noise, &mut labels);
+    settle(spots, noise, &mut labels);
     labels
+}
+
+/// A machine that stands at a border, for a tool change, seems to go to and fro over it by the noise of its encoders. What leaves a
+/// toolpath and comes back to it without having gone anywhere has not left it.
+fn settle(spots: &[Spot], noise: f64, labels: &mut [Label]) {
+    let nowhere = 2.0 * near(noise) + 0.01;
+    let extent = |run: &std::ops::Range<usize>| {
+        let first = spots[run.start].place;
+        spots[run.clone()]
+            .iter()
+            .map(|spot| distance(first, spot.place))
+            .fold(0.0, f64::max)
+    };
+    let mut settled: Vec<std::ops::Range<usize>> = Vec::new();
+    let mut begin = 0;
+    while begin < labels.len() {
+        let label = labels[begin];
+        let end = (begin..labels.len()).find(|k| labels[*k] != label).unwrap_or(labels.len());
+        let mut run = begin..end;
+        while let [.., same, away] = settled.as_slice() {
+            if labels[same.start] != label || label.toolpath().is_none() || extent(away) > nowhere {
+                break;
+            }
+            labels[away.clone()].fill(label);
+            run.start = same.start;
+            settled.truncate(settled.len() - 2);
+        }
+        settled.push(run);
+        begin = end;
+    }
 }
 
 /// Spots laid on the plan: a shift that a whole workingstep has in common (a set-up that is off) is taken out, so that it does not blur
@@ -418,5 +449,53 @@ pub(crate) fn speed(from: &Spot, to: &Spot) -> f64 {
         length(scale(sub(to.place, from.place), 1.0 / elapsed))
     } else {
         0.0
+    }
+}
+
+#[cfg(test)]
+mod standing {
+    use super::*;
+
+    /// One letter a sample: the toolpath it is labelled with, `-` for between; upper case stands where the last one was, lower case moves on.
+    #[track_caller]
+    fn check(samples: &str, settled: &str) {
+        let mut x = 0.0;
+        let mut spots = Vec::new();
+        let mut labels = Vec::new();
+        for (k, c) in samples.chars().enumerate() {
+            if c.is_ascii_lowercase() {
+                x += 1.0;
+            }
+            spots.push(Spot {
+                time: k as f64 * 0.01,
+                place: [x, 0.0, 0.0],
+            });
+            labels.push(if c == '-' {
+                Label::Between
+            } else {
+                Label::On((c.to_ascii_lowercase() as u8 - b'a') as usize)
+            });
+        }
+        settle(&spots, 0.001, &mut labels);
+        let told: String = labels
+            .iter()
+            .map(|l| l.toolpath().map_or('-', |t| char::from(b'a' + t as u8)))
+            .collect();
+        assert_eq!(told, settled);
+    }
+
+    #[test]
+    fn going_to_and_fro_without_moving_is_standing() {
+        check("aaABABA-ABBbb", "aaaaaaaaabbbb");
+    }
+
+    #[test]
+    fn a_tool_change_between_two_toolpaths_stays_between() {
+        check("aa----bb", "aa----bb");
+    }
+
+    #[test]
+    fn really_going_back_is_kept() {
+        check("aabbbaa", "aabbbaa");
     }
 }

@@ -12,9 +12,9 @@ use crate::report::{
 };
 use crate::shift::{Foot, fit};
 use crate::vec3::{V3, add, distance, length, quantile, sub};
-use plan::ToolOffset;
 use plan::executed::{AsExecuted, Deviation, ExecutedPoint, ExecutedToolpath, ExecutedWorkingstep, PathKind};
-use units::{Millimetres, MmPerSec, MmPerSec2, Point, Seconds, StepId, Timestamp};
+use plan::{Path, ToolOffset};
+use units::{Millimetres, MmPerSec, MmPerSec2, Point, Seconds, Setup, StepId, Timestamp};
 
 /// How a record is rebuilt.
 #[derive(Clone, Debug, PartialEq)]
@@ -921,8 +921,9 @@ fn feed_ratio(plan: &PlannedProgram, samples: &[Sample], offs: &[Option<Off>], p
             };
             let (a, b) = (&samples[first], &samples[second]);
             let dt = b.time - a.time;
-            if dt > 0.0 {
-                ratios.push(distance(a.tip, b.tip) / dt / plan.segments[segment as usize].speed.0);
+            let segment = &plan.segments[segment as usize];
+            if let Some(way) = way_along(&segment.path, distance(a.tip, b.tip)).filter(|_| dt > 0.0) {
+                ratios.push(way / dt / segment.speed.0);
             }
         }
     }
@@ -930,6 +931,20 @@ fn feed_ratio(plan: &PlannedProgram, samples: &[Sample], offs: &[Option<Off>], p
         return None;
     }
     Some(quantile(&mut ratios, 0.5))
+}
+
+/// Length of way along a path between two of its places a chord apart; `None` where the chord does not tell.
+fn way_along(path: &Path<Setup>, chord: f64) -> Option<f64> {
+    match path {
+        Path::Line { .. } => Some(chord),
+        // Up to a third of a turn: beyond, the chord hardly grows with the way, and past half a turn it shrinks.
+        Path::Arc(arc) => {
+            let diameter = 2.0 * arc.radius();
+            let third = chord < 0.866 * diameter && arc.rise == 0.0;
+            third.then(|| diameter * libm::asin(chord / diameter))
+        }
+        Path::Spline(_) => None,
+    }
 }
 
 /// Looks for a shift that explains the deviation of a workingstep's feed samples.
@@ -1111,5 +1126,26 @@ fn plot_of(plan: &PlannedProgram, samples: &[Sample], distances: &[Option<f64>],
         executed: thin(executed, most),
         deviation: peaks(off, most),
         speed: peaks(speeds, most),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plan::Arc;
+    use units::{Radians, Vector};
+
+    #[test]
+    fn between_far_samples_on_an_arc_the_way_is_the_arc_and_not_the_chord() {
+        let arc = Path::Arc(Arc {
+            from: Point::new(10.0, 0.0, 0.0),
+            centre: Point::ORIGIN,
+            normal: Vector::Z,
+            sweep: Radians(6.0),
+            rise: 0.0,
+        });
+        let chord = arc.at(0.0).distance(arc.at(0.25));
+        assert!((way_along(&arc, chord).expect("less than a third of a turn") - 15.0).abs() < 1e-9);
+        assert_eq!(way_along(&arc, 19.0), None, "nearly across: more than a third of a turn");
     }
 }

@@ -16,7 +16,7 @@
 //! # Ok::<(), part21::ReadError>(())
 //! ```
 //!
-//! Read on: [`file`] for the index and its queries, [`value`] for parameters, [`text`] for strings and numbers, [`edit`] for saving.
+//! Read on: [`mod@file`] for the index and its queries, [`value`] for parameters, [`text`] for strings and numbers, [`edit`] for saving.
 
 mod column;
 pub mod edit;

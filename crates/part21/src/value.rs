@@ -1,7 +1,7 @@
 //! Parameters of an instance: [`Value`], parsed when asked for.
 //!
 //! Parsing borrows from the file where it can. It accepts what files really hold (reals without a point before the exponent, blanks
-//! and comments anywhere) and gives a [`Fault`] with the offset where it cannot go on.
+//! and comments anywhere) and gives a fault with the offset where it cannot go on.
 
 use crate::text;
 use std::borrow::Cow;

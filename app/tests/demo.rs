@@ -1,0 +1,61 @@
+//! The demo is the one story that must always be true: its printed numbers are looked at here.
+
+use serde_json::Value;
+use std::process::Command;
+
+fn demo(seed: &str) -> (Value, tempfile::TempDir) {
+    let out = tempfile::tempdir().expect("a temporary folder");
+    let output = Command::new(env!("CARGO_BIN_EXE_toolmark"))
+        .args(["demo", "--json", "--seed", seed, "--start", "2026-11-21T08:00:00Z", "--out"])
+        .arg(out.path())
+        .output()
+        .expect("the binary starts");
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert_eq!(
+        output.status.code(),
+        Some(0),
+        "{text}{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    (serde_json::from_str(&text).expect("one JSON object"), out)
+}
+
+#[test]
+fn the_planted_fault_is_found_and_the_second_shaft_is_better_whatever_the_seed() {
+    for seed in ["1", "2", "3"] {
+        let (told, _out) = demo(seed);
+        let number = |path: &str| {
+            told.pointer(path)
+                .and_then(Value::as_f64)
+                .unwrap_or_else(|| panic!("{path} in {told}"))
+        };
+        assert!((number("/bracket/found_shift_mm") - 0.12).abs() < 0.005, "seed {seed}");
+        let found = told["bracket"]["report"]["findings"].to_string();
+        assert!(
+            found.contains("SETUP 2") && found.contains("side slot") && found.contains("0.120 mm"),
+            "{found}"
+        );
+        let [first, second, target] = ["first", "second", "target"].map(|w| number(&format!("/shaft/{w}_mm")));
+        assert!((first - target - 0.04).abs() < 0.01, "worn by 0.021 on the radius: {first}");
+        assert!((second - target).abs() < 0.005, "{second}");
+        let change = number("/shaft/change_mm");
+        assert!(
+            (change - (target - first)).abs() < 0.001,
+            "the change is the deviation: {change}"
+        );
+        assert_eq!(told["verified"], true);
+    }
+}
+
+#[test]
+fn the_demo_leaves_its_files_behind() {
+    let (_told, out) = demo("1");
+    for name in ["bracket", "bracket-as-mtconnect", "shaft-1", "shaft-2"] {
+        for file in ["as-executed.stpnc", "report.html", "report.json", "record.parquet"] {
+            assert!(
+                out.path().join(name).join(file).metadata().is_ok_and(|m| m.len() > 1000),
+                "{name}/{file}"
+            );
+        }
+    }
+}
