@@ -70,7 +70,8 @@ fn settle(spots: &[Spot], noise: f64, labels: &mut [Label]) {
         let end = (begin..labels.len()).find(|k| labels[*k] != label).unwrap_or(labels.len());
         let mut run = begin..end;
         while let [.., same, away] = settled.as_slice() {
-            if labels[same.start] != label || label.toolpath().is_none() || extent(away) > nowhere {
+            let other = labels[away.start].toolpath().is_some();
+            if labels[same.start] != label || label.toolpath().is_none() || !other || extent(away) > nowhere {
                 break;
             }
             labels[away.clone()].fill(label);
@@ -486,7 +487,7 @@ mod standing {
 
     #[test]
     fn going_to_and_fro_without_moving_is_standing() {
-        check("aaABABA-ABBbb", "aaaaaaaaabbbb");
+        check("aaABABA-ABBbb", "aaaaaaa-abbbb");
     }
 
     #[test]
