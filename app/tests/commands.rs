@@ -421,3 +421,28 @@ fn wrong_usage_is_exit_2_and_help_teaches() {
         assert!(words(&output).len() > 400, "{command} explains itself");
     }
 }
+
+#[test]
+fn the_corpus_gives_the_figures_that_are_expected_of_it() {
+    let out = folder();
+    for name in ["bracket.stpnc", "plate.nc", "shaft.nc"] {
+        let inspected = json(&toolmark(&["inspect", "--json", &corpus(name)], out.path()));
+        let csv = out.path().join("plan.csv").display().to_string();
+        let planned = json(&toolmark(&["plan", "--json", &corpus(name), "--out", &csv], out.path()));
+        let milliseconds = (planned["time_s"].as_f64().expect("a time") * 1e3).round() as u64;
+        let figures = serde_json::json!({
+            "schema": inspected["schema"],
+            "units": inspected["units"],
+            "summary": inspected["summary"],
+            "blocks": planned["blocks"],
+            "time_ms": milliseconds,
+        });
+        let path = corpus(&format!("expected/{name}.json"));
+        if std::env::var_os("UPDATE_EXPECT").is_some() {
+            let text = serde_json::to_string_pretty(&figures).expect("JSON");
+            std::fs::write(&path, text + "\n").expect("the corpus can be written");
+        }
+        let expected: Value = serde_json::from_slice(&std::fs::read(&path).expect(&path)).expect("JSON");
+        assert_eq!(figures, expected, "{name}; UPDATE_EXPECT=1 writes the figures anew");
+    }
+}
