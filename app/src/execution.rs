@@ -7,7 +7,7 @@ use crate::program::Program;
 use crate::progress::Progress;
 use crate::report::{self, Page};
 use crate::survey::minutes;
-use crate::{clock, recording, shop};
+use crate::{clock, files, recording, shop};
 use asrun::{PlanOptions, PlannedProgram, Rebuild, RecordFrame, RecordPoint, Recording};
 use cell::observe::Thinned;
 use cell::sim::measure::Part;
@@ -256,7 +256,7 @@ fn write_down(order: &Order<'_>, folder: &Path, outcome: &Outcome, record: &Fini
         ..TwinOptions::at(order.start.at(outcome.ticks))
     };
     let bytes = as_executed(order.program, &rebuild.executed, &options)?;
-    write(&folder.join("as-executed.stpnc"), &bytes)?;
+    files::write(&folder.join("as-executed.stpnc"), &bytes)?;
     let page = Page {
         program: &order.program.name,
         machine: &order.machine.name,
@@ -288,12 +288,4 @@ pub fn as_executed(program: &Program, run: &AsExecuted, options: &TwinOptions) -
         }
         None => stepnc::write_new(run, options).map_err(|e| Failure::negative(format_args!("error: {e}"))),
     }
-}
-
-/// Writes a whole file.
-///
-/// # Errors
-/// The disk refuses.
-pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    std::fs::write(path, bytes).map_err(|e| Failure::writing(path, e))
 }

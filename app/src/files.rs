@@ -1,5 +1,6 @@
-//! Files for the core, which opens none itself: a program read by position, and the files beside it.
+//! Files for the core, which opens none itself: a program read by position, the files beside it, and whole files written.
 
+use crate::failure::Failure;
 use plan::{ByteSource, ReadError, Resolver};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -72,4 +73,12 @@ impl Resolver for FolderResolver {
             .find_map(|ending| FileSource::open(&self.folder.join(format!("{name}{ending}"))).ok())
             .map(|source| Box::new(source) as Box<dyn ByteSource>)
     }
+}
+
+/// Writes a whole file.
+///
+/// # Errors
+/// The disk refuses.
+pub fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    std::fs::write(path, bytes).map_err(|e| Failure::writing(path, e))
 }

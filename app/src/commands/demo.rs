@@ -10,7 +10,7 @@ use crate::execution::{self, Order, Run};
 use crate::failure::{Exit, Failure};
 use crate::program::{Program, machine_for};
 use crate::survey::minutes;
-use crate::{clock, report, say, shop};
+use crate::{clock, files, report, say, shop};
 use asrun::{Report, Verdict, WorkingstepReport};
 use cell::sim::measure::{Feature, Gauge, Measurement, Part};
 use cell::{Ended, Fault, WorkingstepSelector};
@@ -359,7 +359,7 @@ impl Story<'_> {
     /// A program of the corpus, written down and opened as any other.
     fn program(&self, name: &str, text: &str) -> Result<Program, Failure> {
         let path: PathBuf = self.folder.join(name);
-        execution::write(&path, text.as_bytes())?;
+        files::write(&path, text.as_bytes())?;
         Program::open(&path, None, None)
     }
 

@@ -2,13 +2,13 @@
 
 use super::{Done, print_json, tolerance};
 use crate::cli::{Common, DisplayUnits, RebuildArgs};
-use crate::execution::{as_executed, write};
+use crate::execution::as_executed;
 use crate::failure::{Exit, Failure};
 use crate::program::{Program, machine_for, named_machine};
 use crate::recording::{self, Said};
 use crate::report::{self, Page};
 use crate::survey::beforehand;
-use crate::{clock, say, shop};
+use crate::{clock, files, say, shop};
 use asrun::{PlanOptions, PlannedProgram, Verdict};
 use plan::Severity;
 use std::collections::BTreeMap;
@@ -64,7 +64,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         Some(program) => as_executed(program, &rebuilt.executed, &twin)?,
         None => stepnc::write_new(&rebuilt.executed, &twin).map_err(|e| Failure::negative(format_args!("error: {e}")))?,
     };
-    write(&args.out, &bytes)?;
+    files::write(&args.out, &bytes)?;
     let report = &rebuilt.report;
     if let Some(folder) = &args.report {
         std::fs::create_dir_all(folder).map_err(|e| Failure::writing(folder, e))?;

@@ -4,8 +4,8 @@ mod page;
 pub mod plot;
 
 use crate::cli::DisplayUnits;
-use crate::execution;
 use crate::failure::Failure;
+use crate::files;
 use crate::say;
 use asrun::{Report, ToleranceSource, Verdict, WorkingstepReport};
 use std::path::Path;
@@ -32,8 +32,8 @@ pub struct Page<'a> {
 pub fn write(page: &Page<'_>, folder: &Path) -> Result<(), Failure> {
     let json =
         serde_json::to_vec_pretty(page.report).map_err(|e| Failure::machine(format_args!("the report is no JSON: {e}")))?;
-    execution::write(&folder.join("report.json"), &json)?;
-    execution::write(&folder.join("report.html"), page::html(page).as_bytes())
+    files::write(&folder.join("report.json"), &json)?;
+    files::write(&folder.join("report.html"), page::html(page).as_bytes())
 }
 
 /// The report as lines on the screen.
