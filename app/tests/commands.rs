@@ -253,9 +253,10 @@ fn check_limits(csv: &Path, v_max: f64, a_max: f64) -> usize {
         if w[2][0] - w[0][0] > 0.0025 {
             continue;
         }
-        for k in 1..4 {
-            worst.0 = worst.0.max((w[2][k] - w[1][k]).abs() * 1e3 / v_max);
-            worst.1 = worst.1.max((w[2][k] - 2.0 * w[1][k] + w[0][k]).abs() * 1e6 / a_max);
+        let [a, b, c] = [&w[0][1..], &w[1][1..], &w[2][1..]];
+        for ((a, b), c) in a.iter().zip(b).zip(c) {
+            worst.0 = worst.0.max((c - b).abs() * 1e3 / v_max);
+            worst.1 = worst.1.max((c - 2.0 * b + a).abs() * 1e6 / a_max);
         }
     }
     assert!(worst.0 <= 1.001 && worst.1 <= 1.001, "{worst:?}");
