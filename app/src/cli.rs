@@ -175,6 +175,9 @@ pub struct RebuildArgs {
     /// Name of the as-executed project.
     #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
+    /// Where the run goes in the plan's file.
+    #[arg(long = "as", value_enum, default_value_t = PlacementName::Project)]
+    pub placement: PlacementName,
     /// Verdict: deviation allowed where the program gives none, mm; makes a bad verdict exit 1.
     #[arg(long, value_name = "MM")]
     pub tolerance: Option<f64>,
@@ -187,6 +190,15 @@ pub struct RebuildArgs {
     /// The device whose positions count, when the record holds several.
     #[arg(long, value_name = "NAME")]
     pub device: Option<String>,
+}
+
+/// Where a run goes in the plan's file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PlacementName {
+    /// A project of its own beside the plan.
+    Project,
+    /// A disabled workplan at the end of the plan's main workplan.
+    Workplan,
 }
 
 /// `toolmark compare`

@@ -95,7 +95,17 @@ pub fn run(order: &Order<'_>, directory: &mut DataDirectory, part: Option<&mut P
             .map(|(interval, jitter)| Thinned::new(order.start, interval, jitter, order.seed)),
         part,
     };
-    let outcome = execute(order, &mut recorder)?;
+    let mut told = 0;
+    let outcome = execute(order, &mut recorder, &mut |events| {
+        // What happened is on disk while the job runs: after a power loss the next start can say where it was interrupted.
+        let new = &events[told..];
+        told = events.len();
+        if new.is_empty() {
+            Ok(())
+        } else {
+            directory.append_job_events(job.id, new).map_err(shop::failure)
+        }
+    })?;
     let Recorder {
         writer,
         failed,
@@ -108,7 +118,6 @@ pub fn run(order: &Order<'_>, directory: &mut DataDirectory, part: Option<&mut P
     }
     let writer = writer.expect("a recorder that has not failed has its writer");
     let record = writer.finish(&events).map_err(shop::failure)?;
-    directory.append_job_events(job.id, &events).map_err(shop::failure)?;
     directory
         .catalogue(job.id, &record, order.start.at(outcome.ticks))
         .map_err(shop::failure)?;
@@ -149,7 +158,11 @@ fn as_an_agent_saw_it(record: &mut Recording, thinned: &Thinned) {
     record.events.clear();
 }
 
-fn execute(order: &Order<'_>, recorder: &mut Recorder<'_>) -> Result<Outcome, Failure> {
+fn execute(
+    order: &Order<'_>,
+    recorder: &mut Recorder<'_>,
+    keep: &mut dyn FnMut(&[Event]) -> Result<(), Failure>,
+) -> Result<Outcome, Failure> {
     let config = WorldConfig {
         seed: order.seed,
         start: order.start,
@@ -172,7 +185,11 @@ fn execute(order: &Order<'_>, recorder: &mut Recorder<'_>) -> Result<Outcome, Fa
     let mut progress = Progress::new("running");
     let began = Instant::now();
     loop {
-        if let Some(outcome) = world.advance(100, recorder) {
+        let outcome = world.advance(100, recorder);
+        if outcome.is_some() || world.now().0 % 1000 == 0 {
+            keep(&recorder.events)?;
+        }
+        if let Some(outcome) = outcome {
             return Ok(outcome);
         }
         if recorder.failed.is_some() {

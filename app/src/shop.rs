@@ -6,8 +6,8 @@ use machine::MachineParameters;
 use motion::Limits;
 use std::path::Path;
 use store::machine_file::MachineKind;
-use store::{DataDirectory, MachineFile, StoreError};
-use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3};
+use store::{DataDirectory, Ending, MachineFile, StoreError};
+use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Timestamp};
 
 /// A blend may leave the path this far where the program does not say.
 pub const DEFAULT_PATH_TOLERANCE: Millimetres = Millimetres(0.01);
@@ -61,24 +61,28 @@ pub fn parameters(machine: &MachineFile) -> MachineParameters {
 ///
 /// # Errors
 /// It cannot be opened, or another process holds it.
-pub fn data_directory(common: &Common) -> Result<DataDirectory, Failure> {
+pub fn data_directory(common: &Common, now: Timestamp) -> Result<DataDirectory, Failure> {
     let root = match &common.data {
         Some(given) => given.clone(),
         None => store::data_directory_path(None, |name| std::env::var_os(name)).map_err(failure)?,
     };
-    open_data(&root)
+    open_data(&root, now)
 }
 
 /// Opens a data directory.
 ///
 /// # Errors
 /// It cannot be opened, or another process holds it.
-pub fn open_data(root: &Path) -> Result<DataDirectory, Failure> {
+pub fn open_data(root: &Path, now: Timestamp) -> Result<DataDirectory, Failure> {
     let words: Vec<String> = std::env::args().take(2).collect();
     let holder = format!("toolmark {}", words.get(1).map_or("", String::as_str));
-    let directory = DataDirectory::open(root, holder.trim()).map_err(failure)?;
+    let mut directory = DataDirectory::open(root, holder.trim()).map_err(failure)?;
     for interrupted in directory.interrupted_jobs().map_err(failure)? {
         eprintln!("notice: {interrupted}");
+        // It has been said; the next start has nothing new to say about it.
+        directory
+            .end_job(interrupted.job.id, now, Ending::Interrupted)
+            .map_err(failure)?;
     }
     Ok(directory)
 }

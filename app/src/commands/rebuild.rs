@@ -1,7 +1,7 @@
 //! `toolmark rebuild`: a record becomes as-executed STEP-NC.
 
 use super::{Done, print_json, tolerance};
-use crate::cli::{Common, DisplayUnits, RebuildArgs};
+use crate::cli::{Common, DisplayUnits, PlacementName, RebuildArgs};
 use crate::execution::as_executed;
 use crate::failure::{Exit, Failure};
 use crate::program::{Program, machine_for, named_machine};
@@ -12,7 +12,7 @@ use crate::{clock, files, say, shop};
 use asrun::{PlanOptions, PlannedProgram, Verdict};
 use plan::Severity;
 use std::collections::BTreeMap;
-use stepnc::twin::TwinOptions;
+use stepnc::twin::{Placement, TwinOptions};
 
 /// Runs the command.
 ///
@@ -59,7 +59,14 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
             asrun::rebuild(Some(&plan), &record, &options)
         }
     };
-    let twin = TwinOptions::at(written_at(common, rebuilt.executed.end)?);
+    let placement = match args.placement {
+        PlacementName::Project => Placement::Project,
+        PlacementName::Workplan => Placement::Workplan,
+    };
+    let twin = TwinOptions {
+        placement,
+        ..TwinOptions::at(written_at(common, rebuilt.executed.end)?)
+    };
     let bytes = match &program {
         Some(program) => as_executed(program, &rebuilt.executed, &twin)?,
         None => stepnc::write_new(&rebuilt.executed, &twin).map_err(|e| Failure::negative(format_args!("error: {e}")))?,

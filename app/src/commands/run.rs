@@ -34,7 +34,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         named_machine(&common.machine)?.as_ref(),
     )?;
     let machine = machine_for(&common.machine, program.turns())?;
-    let mut directory = shop::data_directory(common)?;
+    let mut directory = shop::data_directory(common, start)?;
     let who = shop::operator(common);
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
     let tables = directory.tables(&machine).map_err(shop::failure)?;
