@@ -87,6 +87,9 @@ pub struct Trajectory<'a> {
     gaps: f64,
 }
 
+/// Path parameters and the multiplier of the feed there, as in [`Piece::feed_factors`].
+type Factors = Vec<(f64, f64)>;
+
 /// What a change at rest sets for the motion behind it.
 #[derive(Clone, Copy)]
 struct Given {
@@ -402,7 +405,7 @@ impl<'a> Trajectory<'a> {
     }
 
     /// Feed of a move, mm/s, and its multiplier over the path's parameter.
-    fn feed_along(&self, m: &Move, length: f64, origin: Origin) -> Result<(f64, Vec<(f64, f64)>), Box<Diagnostic>> {
+    fn feed_along(&self, m: &Move, length: f64, origin: Origin) -> Result<(f64, Factors), Box<Diagnostic>> {
         let bad_feed = |v: f64| {
             let message = format!("a feed of {v} mm/s cannot be moved at");
             Box::new(Diagnostic {
