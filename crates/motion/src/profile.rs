@@ -11,9 +11,10 @@
 
 use crate::Limits;
 use crate::smooth::{Curve, Segment};
+use plan::Path;
 use std::collections::VecDeque;
 use std::rc::Rc;
-use units::StepId;
+use units::{Machine, StepId, Vector};
 
 /// Share of the limits that is planned with: the rest covers what happens between two borders of a curve.
 const USED: f64 = 0.9995;
@@ -75,6 +76,29 @@ enum Entry {
     Mark(Mark),
 }
 
+/// Where two intervals meet: the curve on one side of it, and |q'| there.
+type Border = (Rc<Curve>, f64);
+
+/// b is a square of a rate of the parameter, so on another curve the same speed has another b; on the same curve nothing has to be
+/// turned over, not even where q' is 0.
+fn converted(b: f64, from: &Border, to: &Border) -> f64 {
+    if Rc::ptr_eq(&from.0, &to.0) {
+        b
+    } else if from.1 > 0.0 && to.1 > 0.0 {
+        let scale = from.1 / to.1;
+        b * scale * scale
+    } else {
+        0.0
+    }
+}
+
+/// Places inside an interval at which its speed limits are looked at.
+const PLACES: [f64; 5] = [0.125, 0.25, 0.5, 0.75, 0.875];
+
+/// Entries that the window holds at most: some 30 MB. Only a machine so fast and so weak that it takes tens of metres to stop gets
+/// less look-ahead by it, and is then slower than it could be, but never outside its limits.
+const MOST: usize = 100_000;
+
 /// The window.
 pub struct Profile {
     v_max: [f64; 3],
@@ -83,8 +107,8 @@ pub struct Profile {
     /// Length of path in the window, mm, and how much of it came since the last backward sweep.
     length: f64,
     fresh: f64,
-    /// b at the start of the window, in the parameter of the last interval given out, and |q'| there.
-    entry: (f64, f64),
+    /// Where the last interval that was given out ends, and b there.
+    entry: Option<(Border, f64)>,
     /// Fastest feed in the window's recent past, mm/s: how far has to be looked ahead.
     fastest: f64,
     closed: bool,
@@ -100,7 +124,7 @@ impl Profile {
             window: VecDeque::new(),
             length: 0.0,
             fresh: 0.0,
-            entry: (0.0, 1.0),
+            entry: None,
             fastest: 0.0,
             closed: false,
             out: VecDeque::new(),
@@ -112,37 +136,24 @@ impl Profile {
         self.closed = false;
         let curve = Rc::new(segment.curve);
         let straight_line = matches!(*curve, Curve::Line(..));
+        let is_spline = matches!(&*curve, Curve::Programmed(path) if matches!(**path, Path::Spline(_)));
         let last = segment.borders.len().saturating_sub(2);
         let mut before = None;
         for (k, border) in segment.borders.windows(2).enumerate() {
             let (from, width) = (border[0], border[1] - border[0]);
-            let start = before.take().unwrap_or_else(|| curve.derivatives(from));
-            let end = if straight_line {
-                start
+            // At a knot of a spline the second derivative may step; each interval looks at it from its own side.
+            let hair = if is_spline { 1e-7 * width } else { 0.0 };
+            let start = before.take().unwrap_or_else(|| curve.derivatives(from + hair));
+            let [middle, end] = if straight_line {
+                [start; 2]
             } else {
-                curve.derivatives(from + width)
-            };
-            let middle = if straight_line {
-                start
-            } else {
-                curve.derivatives(from + width / 2.0)
+                [width / 2.0, width - hair].map(|d| curve.derivatives(from + d))
             };
             let feed = |i: usize| *segment.feed.get(i).or(segment.feed.last()).unwrap_or(&f64::INFINITY);
             let norm = [start.0.length(), end.0.length()];
-            if norm[0] <= 0.0 || norm[1] <= 0.0 {
-                continue;
-            }
             let feeds = [feed(k), feed(k + 1)];
-            let cap = [0, 1].map(|i| {
-                let d = if i == 0 { start.0.xyz } else { end.0.xyz };
-                let axes = (0..3)
-                    .filter(|k| d[*k] != 0.0)
-                    .map(|k| self.v_max[k] / d[k].abs())
-                    .fold(f64::INFINITY, f64::min);
-                let rate = axes.min(feeds[i] / norm[i]);
-                rate * rate
-            });
-            let speed = (cap[0].max(cap[1])).sqrt() * norm[0].max(norm[1]);
+            let cap = self.caps([start, middle, end], feeds);
+            let speed = (cap[0].sqrt() * norm[0]).max(cap[1].sqrt() * norm[1]);
             self.fastest = self.fastest.max(speed);
             let interval = Interval {
                 curve: Rc::clone(&curve),
@@ -160,8 +171,41 @@ impl Profile {
             self.length += interval.length();
             self.fresh += interval.length();
             self.window.push_back(Entry::Interval(Box::new(interval)));
-            before = Some(end);
+            before = (!is_spline).then_some(end);
         }
+    }
+
+    /// Largest b at both ends of an interval by the speed of each axis and the feed, such that they hold everywhere between: b is linear
+    /// there, and the speed that an axis allows grows faster than that towards a place where the path turns away from the axis.
+    fn caps(&self, derivatives: [(Vector<Machine>, Vector<Machine>); 3], feeds: [f64; 2]) -> [f64; 2] {
+        let [first, middle, last] = derivatives.map(|(first, _)| first);
+        let at = |first: Vector<Machine>, feed: f64| {
+            let axes = (0..3)
+                .filter(|k| first.xyz[*k] != 0.0)
+                .map(|k| self.v_max[k] / first.xyz[k].abs())
+                .fold(f64::INFINITY, f64::min);
+            let rate = axes.min(feed / first.length().max(f64::MIN_POSITIVE));
+            rate * rate
+        };
+        let mut caps = [at(first, feeds[0]), at(last, feeds[1])];
+        if first == middle && first == last {
+            return caps;
+        }
+        // Places between, from q' at three of them, which is exact for lines, blends and cubic splines. With different feeds at its ends
+        // the interval was made for them.
+        let between = PLACES.map(|u| {
+            let q = first * ((1.0 - u) * (1.0 - 2.0 * u)) + middle * (4.0 * u * (1.0 - u)) + last * (u * (2.0 * u - 1.0));
+            let feed = libm::sqrt(feeds[0] * feeds[0] * (1.0 - u) + feeds[1] * feeds[1] * u);
+            (u, at(q, feed))
+        });
+        let lowest = between.iter().map(|p| p.1).fold(caps[0].min(caps[1]), f64::min);
+        let low = usize::from(caps[1] < caps[0]);
+        caps[low] = caps[low].min(lowest);
+        for (u, cap) in between {
+            let share = if low == 0 { u } else { 1.0 - u };
+            caps[1 - low] = caps[1 - low].min(caps[low] + (cap - caps[low]) / share);
+        }
+        caps
     }
 
     /// Puts a mark at the end of the window.
@@ -176,7 +220,7 @@ impl Profile {
 
     /// True when the window is so long that its start can be given out without knowing more.
     pub fn is_full(&self) -> bool {
-        self.length > self.look_ahead() && self.fresh > 0.5 * self.look_ahead()
+        (self.length > self.look_ahead() && self.fresh > 0.5 * self.look_ahead()) || self.window.len() > MOST
     }
 
     /// Length that has to be known ahead, mm: more than twice the stopping distance along the slowest axis, so that a path that bends
@@ -206,6 +250,8 @@ impl Profile {
         }
         self.sweep_back();
         let keep = if self.closed { 0.0 } else { self.look_ahead() };
+        // A window that is full by number goes down to half, so that the next backward sweep is paid for by as many new entries.
+        let most = if self.window.len() > MOST { MOST / 2 } else { MOST };
         self.fresh = 0.0;
         while let Some(entry) = self.window.pop_front() {
             match entry {
@@ -213,16 +259,16 @@ impl Profile {
                 Entry::Interval(interval) => {
                     let length = interval.length();
                     // One look-ahead stays behind it, however long it is itself.
-                    if !self.closed && self.length - length < keep {
+                    if !self.closed && self.length - length < keep && self.window.len() < most {
                         self.window.push_front(Entry::Interval(interval));
                         break;
                     }
                     self.length -= length;
                     let next = self.window.iter().find_map(|e| match e {
-                        Entry::Interval(i) => Some((i.reachable, i.norm[0])),
+                        Entry::Interval(i) => Some((i.start(), i.reachable)),
                         Entry::Mark(_) => None,
                     });
-                    self.forward(&interval, next);
+                    self.forward(&interval, next.as_ref());
                 }
             }
         }
@@ -234,10 +280,10 @@ impl Profile {
 
     /// Largest b at each start from which the window's end can be reached at rest; stops where nothing changes any more.
     fn sweep_back(&mut self) {
-        let mut next: Option<(f64, f64)> = None;
+        let mut next: Option<(Border, f64)> = None;
         for entry in self.window.iter_mut().rev() {
             let Entry::Interval(interval) = entry else { continue };
-            let at_end = end_limit(interval, next);
+            let at_end = end_limit(interval, next.as_ref());
             let reachable = if interval.straight {
                 let e = straight_acceleration(&self.a_max, &interval.first[0]);
                 interval.cap[0].min(at_end + 2.0 * e * interval.width)
@@ -249,14 +295,17 @@ impl Profile {
             if unchanged && reachable > 0.0 {
                 break;
             }
-            next = Some((reachable, interval.norm[0]));
+            next = Some((interval.start(), reachable));
         }
     }
 
     /// Gives out one interval, as fast as its start, its limits and the rest of the window allow.
-    fn forward(&mut self, interval: &Interval, next: Option<(f64, f64)>) {
-        let scale = self.entry.1 / interval.norm[0];
-        let start = (self.entry.0 * scale * scale).min(interval.reachable);
+    fn forward(&mut self, interval: &Interval, next: Option<&(Border, f64)>) {
+        let arriving = self
+            .entry
+            .take()
+            .map_or(0.0, |(border, b)| converted(b, &border, &interval.start()));
+        let start = arriving.min(interval.reachable);
         let at_end = end_limit(interval, next);
         let end = if interval.straight {
             let e = straight_acceleration(&self.a_max, &interval.first[0]);
@@ -265,10 +314,18 @@ impl Profile {
             end
         } else {
             let end = interval.fastest_end(&self.a_max, start, at_end);
-            self.give(interval, interval.from, interval.width, start, end);
+            if start + end > 0.0 {
+                self.give(interval, interval.from, interval.width, start, end);
+            } else {
+                // From rest to rest in one interval: up to the middle and down again.
+                let e = interval.acceleration_from_rest(&self.a_max);
+                let half = interval.width / 2.0;
+                self.give(interval, interval.from, half, 0.0, 2.0 * e * half);
+                self.give(interval, interval.from + half, half, 2.0 * e * half, 0.0);
+            }
             end
         };
-        self.entry = (end, interval.norm[1]);
+        self.entry = Some((interval.end(), end));
     }
 
     /// The exact profile on a straight interval: up, along at the cap, down.
@@ -302,13 +359,10 @@ impl Profile {
     }
 }
 
-/// Largest b at an interval's end: its own cap, and what its successor can take, in this interval's parameter.
-fn end_limit(interval: &Interval, next: Option<(f64, f64)>) -> f64 {
+/// Largest b at an interval's end: its own cap, and what its successor can take.
+fn end_limit(interval: &Interval, next: Option<&(Border, f64)>) -> f64 {
     match next {
-        Some((reachable, norm)) if !interval.stop_at_end => {
-            let scale = norm / interval.norm[1];
-            interval.cap[1].min(reachable * scale * scale)
-        }
+        Some((border, reachable)) if !interval.stop_at_end => interval.cap[1].min(converted(*reachable, border, &interval.end())),
         _ => 0.0,
     }
 }
@@ -322,6 +376,29 @@ fn straight_acceleration(a_max: &[f64; 3], along: &[f64; 3]) -> f64 {
 }
 
 impl Interval {
+    fn start(&self) -> Border {
+        (Rc::clone(&self.curve), self.norm[0])
+    }
+    fn end(&self) -> Border {
+        (Rc::clone(&self.curve), self.norm[1])
+    }
+
+    /// A d2u/dt2 with which the middle can be reached from rest, and the end at rest from there, within the limits and the caps.
+    fn acceleration_from_rest(&self, a_max: &[f64; 3]) -> f64 {
+        // b is at most e times the width, so |q'' b + q' e| is at most e times this.
+        let need = |k: usize| {
+            (0..3)
+                .map(|place| self.second[place][k].abs() * self.width + self.first[place][k].abs())
+                .fold(0.0, f64::max)
+        };
+        let by_axes = (0..3)
+            .map(|k| (need(k), a_max[k]))
+            .filter(|(need, _)| *need > 0.0)
+            .map(|(need, a)| a / need)
+            .fold(f64::INFINITY, f64::min);
+        by_axes.min(self.cap[0].max(self.cap[1]) / self.width)
+    }
+
     /// Its length, mm; by the trapezoid rule, which is enough for a look-ahead.
     fn length(&self) -> f64 {
         self.width * (self.norm[0] + self.norm[1]) / 2.0

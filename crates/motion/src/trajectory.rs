@@ -7,7 +7,7 @@ use crate::{Limits, Statistics};
 use machine::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 use plan::{
     Alarm, Answer, Diagnostic, Feed, Level, MachineMove, Move, Next, Origin, Path, PathMode, Place, ProgramStream, Question,
-    Speed, SpindleMode, SpindleState, Step, StepKind,
+    Speed, SpeedProfile, SpindleMode, SpindleState, Spline, Step, StepKind,
 };
 use std::collections::VecDeque;
 use units::{Machine, Millimetres, Point, Rpm, Seconds, Setup, StepId, TICK, Transform, Vector, WorkingstepId};
@@ -15,6 +15,31 @@ use units::{Machine, Millimetres, Point, Rpm, Seconds, Setup, StepId, TICK, Tran
 /// Largest gap between the end of one move and the start of the next that is closed without a word, mm: programs round their numbers,
 /// and an arc's end differs from the written one by as much.
 const ROUNDING: f64 = 0.05;
+
+/// Shorter moves have no direction, mm: a hundredth of what a double tells apart at ten kilometres.
+const NO_LENGTH: f64 = 1e-9;
+
+/// Longest move, mm. A thousand kilometres are a slip of a number, and their squares would leave a double's range further on.
+const LONGEST: f64 = 1e9;
+
+/// Largest sweep of one arc, rad: its limits are looked at each 0.05 rad, all in memory.
+const LARGEST_SWEEP: f64 = 1e4;
+
+/// Slowest feed, mm/s: its square stays far within a double's range on the longest move.
+const SLOWEST_FEED: f64 = 1e-12;
+
+/// Chord of an arc, as a share of its radius, from which on its end can stay where it is when its start moves: no place of it moves by
+/// more than twice as much.
+const SHORTEST_CHORD: f64 = 1.0;
+
+/// Steps between two moves that are kept while the second move is not known; behind more of them the machine comes to rest.
+const MOST_MARKS: usize = 10_000;
+
+/// Parts of a path between which a feed that follows the radius is looked at before halving begins; halvings; and how far the line
+/// between two looks may be off, as a share.
+const FEED_LOOKS: u32 = 4;
+const FEED_HALVINGS: u8 = 9;
+const FEED_ERROR: f64 = 0.0004;
 
 /// What comes out, in the order in which the machine has to do it.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,17 +68,59 @@ pub struct Trajectory<'a> {
     ready: VecDeque<Output>,
     /// What comes when the motion at hand has come to rest.
     at_rest: Option<AtRest>,
+    /// Where the planned path ends, and where the program says that it does: after moves without length and shifted circles that is a
+    /// little further.
     position: Point<Machine>,
+    aim: Point<Machine>,
+    last_feed: (f64, bool),
     last_move: StepId,
     machine_from_setup: Transform<Machine, Setup>,
     tool_offset: Vector<Machine>,
     spindle: SpindleState,
+    /// What holds for the set-points that are given out now: the program is read ahead of them.
+    given: Given,
     path_mode: PathMode,
     workingsteps: u32,
     spindle_told: (Rpm, u64),
     history: Option<([f64; 3], [f64; 3])>,
     statistics: Statistics,
     gaps: f64,
+}
+
+/// Path parameters and the multiplier of the feed there, as in [`Piece::feed_factors`].
+type Factors = Vec<(f64, f64)>;
+
+/// What a change at rest sets for the motion behind it.
+#[derive(Clone, Copy)]
+struct Given {
+    spindle: SpindleState,
+    setup_from_machine: Transform<Setup, Machine>,
+    tool_offset: Vector<Machine>,
+}
+
+impl Default for Given {
+    fn default() -> Self {
+        Given {
+            spindle: SpindleState::Stopped,
+            setup_from_machine: Transform::IDENTITY,
+            tool_offset: Vector::ZERO,
+        }
+    }
+}
+
+impl Given {
+    /// Speed of a spindle that follows the radius, with the gauge point at `gauge`.
+    fn surface_revolutions(&self, gauge: [f64; 3]) -> Option<Rpm> {
+        let tip = self.setup_from_machine * (Point::<Machine>::from_xyz(gauge) - self.tool_offset);
+        has_surface_speed(&self.spindle).then(|| self.spindle.revolutions(Millimetres(tip.xyz[0])))
+    }
+}
+
+fn has_surface_speed(spindle: &SpindleState) -> bool {
+    matches!(
+        spindle,
+        SpindleState::Clockwise(SpindleMode::Surface { .. }) | SpindleState::Counterclockwise(SpindleMode::Surface { .. })
+    )
 }
 
 enum AtRest {
@@ -70,16 +137,19 @@ impl<'a> Trajectory<'a> {
             stream,
             profile: Profile::new(&limits),
             limits,
-            smoother: Smoother::default(),
+            smoother: Smoother::new(&limits),
             sampler: Sampler::new(start.xyz),
             marks: VecDeque::new(),
             ready: VecDeque::new(),
             at_rest: None,
             position: start,
+            aim: start,
+            last_feed: (f64::INFINITY, true),
             last_move: StepId::NONE,
             machine_from_setup: Transform::IDENTITY,
             tool_offset: Vector::ZERO,
             spindle: SpindleState::Stopped,
+            given: Given::default(),
             path_mode: PathMode::Tolerance(None),
             workingsteps: 0,
             spindle_told: (Rpm::ZERO, 0),
@@ -106,6 +176,8 @@ impl<'a> Trajectory<'a> {
                 Some(Profiled::Phase(phase)) => self.sampler.feed(phase),
                 Some(Profiled::Mark(_)) => self.ready.extend(self.marks.pop_front().into_iter().flatten()),
                 None if self.at_rest.is_some() => {
+                    // What is left of the way has no length.
+                    self.position = self.aim;
                     if let Some(point) = self.sampler.rest(self.position.xyz, self.last_move) {
                         return self.give(point);
                     }
@@ -115,6 +187,7 @@ impl<'a> Trajectory<'a> {
                         Some(AtRest::Alarm(alarm)) => return Output::Alarm((**alarm).clone()),
                         Some(AtRest::Outputs(_)) | None => {
                             if let Some(AtRest::Outputs(outputs)) = self.at_rest.take() {
+                                self.change_given(&outputs);
                                 self.ready.extend(outputs);
                             }
                         }
@@ -158,8 +231,8 @@ impl<'a> Trajectory<'a> {
         let command = |c: Command| Output::Command(c);
         match &step.kind {
             StepKind::Move(m) => {
-                let piece = self.piece(m, &step)?;
-                self.add(piece);
+                self.statistics.blocks += 1;
+                self.take_move(m, &step)?;
             }
             StepKind::MachineMove(MachineMove { to }) => {
                 let target = std::array::from_fn(|k| to[k].map_or(self.position.xyz[k], |v| v.0));
@@ -167,10 +240,15 @@ impl<'a> Trajectory<'a> {
                     from: self.position,
                     to: Point::from_xyz(target),
                 };
-                if !path.is_sound() {
-                    return Err(self.finding("bad-coordinate", "a machine coordinate is not a number", step.origin));
-                }
                 let length = path.length();
+                if !(path.is_sound() && length <= LONGEST) {
+                    return Err(self.finding(
+                        "bad-coordinate",
+                        "a machine coordinate is not a number, or a thousand kilometres away",
+                        step.origin,
+                    ));
+                }
+                self.aim = path.end();
                 self.add(Piece {
                     path,
                     length,
@@ -237,7 +315,6 @@ impl<'a> Trajectory<'a> {
                     SpindleState::Clockwise(_) => SpindleCommand::Clockwise(speed),
                     SpindleState::Counterclockwise(_) => SpindleCommand::Counterclockwise(speed),
                 };
-                self.spindle_told = (speed, self.statistics.samples);
                 self.come_to_rest(AtRest::Outputs(vec![
                     Output::Passed(step),
                     command(Command::Spindle { spindle, step: id }),
@@ -261,8 +338,8 @@ impl<'a> Trajectory<'a> {
         Ok(())
     }
 
-    /// A move in machine coordinates, closed up to where the last one ended.
-    fn piece(&mut self, m: &Move, step: &Step) -> Result<Piece, Box<Diagnostic>> {
+    /// Adds a move: the parts of its path between corners, in machine coordinates, each closed up to where the last one ended.
+    fn take_move(&mut self, m: &Move, step: &Step) -> Result<(), Box<Diagnostic>> {
         let origin = step.origin;
         if !m.path.is_sound() {
             return Err(self.finding(
@@ -271,31 +348,64 @@ impl<'a> Trajectory<'a> {
                 origin,
             ));
         }
-        let in_machine = m.path.in_frame(&self.machine_from_setup);
-        let offset = self.tool_offset;
-        let path = shifted(in_machine, offset);
-        let gap = path.start().distance(self.position);
-        let programmed_feed = match m.speed {
-            Speed::Rapid => None,
-            Speed::Feed(feed) => Some(feed),
-        };
-        let path = if gap <= 1e-9 {
-            path
-        } else if gap <= ROUNDING {
-            self.gaps = self.gaps.max(gap);
-            starting_at(path, self.position)
+        let length = m.path.length();
+        let sweep = if let Path::Arc(arc) = &m.path {
+            arc.sweep.0.abs()
         } else {
-            let from = self.tip(self.position);
-            let message = format!(
-                "the path starts {gap:.3} mm away from where the tip is: at {:.3?}, tip at {:.3?}",
-                m.path.start().xyz,
-                from.xyz
-            );
-            return Err(self.finding("path-gap", message, origin));
+            0.0
         };
-        let length = path.length();
-        self.statistics.blocks += 1;
-        let profile = |fraction: f64| m.profile.as_ref().map_or(1.0, |p| p.factor(fraction));
+        if !(length <= LONGEST && sweep <= LARGEST_SWEEP) {
+            let message = format!("a path of {length:.0} mm or {sweep:.0} rad is longer than any machine's");
+            return Err(self.finding("bad-geometry", message, origin));
+        }
+        let (feed, factors) = self.feed_along(m, length, origin)?;
+        let corner = match self.path_mode {
+            PathMode::ExactStop => Corner::Stop,
+            PathMode::ExactPath => Corner::Within(EXACT_PATH_TOLERANCE),
+            PathMode::Tolerance(t) => Corner::Within(t.unwrap_or(self.limits.tolerance).0.max(0.0)),
+        };
+        let parts = smooth_parts(&m.path);
+        let last = parts.len() - 1;
+        for (k, (part, range)) in parts.into_iter().enumerate() {
+            let width = range[1] - range[0];
+            let path = shifted(part.in_frame(&self.machine_from_setup), self.tool_offset);
+            self.aim = path.end();
+            let path = self.closed_up(path, origin)?;
+            self.add(Piece {
+                length: path.length(),
+                path,
+                feed,
+                feed_factors: factors.iter().map(|(u, f)| ((u - range[0]) / width, *f)).collect(),
+                rapid: m.speed == Speed::Rapid,
+                step: step.id,
+                // A corner inside a move is not its end: exact stop does not stop there, but it does not leave the path either.
+                corner: match corner {
+                    Corner::Stop if k < last => Corner::Within(EXACT_PATH_TOLERANCE),
+                    corner => corner,
+                },
+            });
+        }
+        Ok(())
+    }
+
+    /// The path, started where the axes are, when that is a rounding away.
+    fn closed_up(&mut self, path: Path<Machine>, origin: Origin) -> Result<Path<Machine>, Box<Diagnostic>> {
+        let gap = path.start().distance(self.position);
+        if gap <= ROUNDING {
+            // Gaps without length come from moves without length; they close without being told.
+            self.gaps = self.gaps.max(if gap > 2.0 * NO_LENGTH { gap } else { 0.0 });
+            return Ok(if gap > 0.0 { starting_at(path, self.position) } else { path });
+        }
+        let message = format!(
+            "the path starts {gap:.3} mm away from where the tip is: at {:.3?}, tip at {:.3?}",
+            (self.machine_from_setup.inverse() * (path.start() - self.tool_offset)).xyz,
+            self.tip(self.position).xyz
+        );
+        Err(self.finding("path-gap", message, origin))
+    }
+
+    /// Feed of a move, mm/s, and its multiplier over the path's parameter.
+    fn feed_along(&self, m: &Move, length: f64, origin: Origin) -> Result<(f64, Factors), Box<Diagnostic>> {
         let bad_feed = |v: f64| {
             let message = format!("a feed of {v} mm/s cannot be moved at");
             Box::new(Diagnostic {
@@ -303,35 +413,48 @@ impl<'a> Trajectory<'a> {
                 ..*self.finding("bad-feed", message, origin)
             })
         };
-        let (feed, feed_factors) = match programmed_feed {
-            None => (f64::INFINITY, vec![]),
-            Some(Feed::PerTime(v)) => {
-                if !(v.0 > 0.0 && v.is_finite()) {
-                    return Err(bad_feed(v.0));
-                }
-                (
-                    v.0,
-                    m.profile
-                        .as_ref()
-                        .map_or(vec![], |_| (0..=32).map(|k| profile(f64::from(k) / 32.0)).collect()),
-                )
+        let Speed::Feed(feed) = m.speed else {
+            return Ok((f64::INFINITY, vec![]));
+        };
+        let multiplier = m.profile.as_ref();
+        if let Some(profile) = multiplier {
+            let points = &profile.points;
+            let wrong = points.iter().find(|p| !(p.1 >= 0.0 && p.1.is_finite() && p.0.is_finite()));
+            // One place of rest can be moved through; a stretch of it cannot.
+            let stretch = |p: &[(f64, f64)]| p[0].1 * p[0].1 + p[1].1 * p[1].1 == 0.0 && p[0].0 < p[1].0;
+            let at_ends =
+                points.first().is_some_and(|p| p.1 == 0.0 && p.0 > 0.0) || points.last().is_some_and(|p| p.1 == 0.0 && p.0 < 1.0);
+            if let Some(p) = wrong {
+                return Err(bad_feed(p.1));
             }
-            Some(Feed::WholeMove(time)) => {
-                let v = length / time.0;
-                if !(v > 0.0 && v.is_finite()) && length > 0.0 {
-                    return Err(bad_feed(v));
-                }
-                (v, vec![])
+            if at_ends || points.windows(2).any(stretch) || points.windows(2).any(|p| p[0].0 > p[1].0) {
+                return Err(bad_feed(0.0));
             }
-            Some(Feed::PerRevolution(f)) => {
-                let at = |fraction: f64| {
-                    let radius = self.tip(path.at(fraction)).xyz[0];
-                    f.0 * self.spindle.revolutions(Millimetres(radius)).0 / 60.0 * profile(fraction)
-                };
-                let constant = m.profile.is_none() && !self.surface_speed();
-                let count: u32 = if constant { 0 } else { 32 };
-                let speeds: Vec<f64> = (0..=count).map(|k| at(f64::from(k) / f64::from(count.max(1)))).collect();
-                if speeds.iter().any(|v| !(*v > 0.0 && v.is_finite())) {
+        }
+        let usable = |v: f64| {
+            if v >= SLOWEST_FEED && v.is_finite() {
+                Ok(v)
+            } else {
+                Err(bad_feed(v))
+            }
+        };
+        match feed {
+            Feed::PerTime(v) => Ok((
+                usable(v.0)?,
+                multiplier.map_or(vec![], |p| over_parameter(p, &m.path, length)),
+            )),
+            // A move without length takes no time, whatever is asked.
+            Feed::WholeMove(_) if length <= NO_LENGTH => Ok((1.0, vec![])),
+            Feed::WholeMove(time) => Ok((
+                usable(length / time.0)?,
+                multiplier.map_or(vec![], |p| over_parameter(p, &m.path, length)),
+            )),
+            Feed::PerRevolution(f) => {
+                let at = |u: f64| f.0 * self.spindle.revolutions(Millimetres(m.path.at(u).xyz[0])).0 / 60.0;
+                let constant = !has_surface_speed(&self.spindle);
+                let factors = multiplier.map_or(vec![], |p| over_parameter(p, &m.path, length));
+                let speeds = if constant { vec![(0.0, at(0.0))] } else { looked_at(&at) };
+                if speeds.iter().any(|(_, v)| !(*v >= SLOWEST_FEED && v.is_finite())) {
                     let found = self.finding(
                         "feed-without-spindle",
                         "a feed per revolution needs a turning spindle",
@@ -342,32 +465,28 @@ impl<'a> Trajectory<'a> {
                         ..*found
                     }));
                 }
-                if constant { (speeds[0], vec![]) } else { (1.0, speeds) }
+                Ok(if constant {
+                    (speeds[0].1, factors)
+                } else if factors.is_empty() {
+                    (1.0, speeds)
+                } else {
+                    (1.0, product(&factors, &speeds))
+                })
             }
-        };
-        let corner = match self.path_mode {
-            PathMode::ExactStop => Corner::Stop,
-            PathMode::ExactPath => Corner::Within(EXACT_PATH_TOLERANCE),
-            PathMode::Tolerance(t) => Corner::Within(t.unwrap_or(self.limits.tolerance).0),
-        };
-        Ok(Piece {
-            path,
-            length,
-            feed,
-            feed_factors,
-            rapid: programmed_feed.is_none(),
-            step: step.id,
-            corner,
-        })
+        }
     }
 
     fn add(&mut self, piece: Piece) {
-        self.position = piece.path.end();
         self.last_move = piece.step;
-        // A move without length has no direction; it only names the place where the axes are.
-        if piece.length <= 1e-9 {
+        // What may be left of the way at rest is short, so a feed that falls to nothing does not matter there, but it has to arrive.
+        let last_factor = piece.feed_factors.last().map_or(1.0, |p| p.1.max(0.01));
+        self.last_feed = (piece.feed * last_factor, piece.rapid);
+        // A move without length has no direction. The axes stay where they are, and the next move starts from there: a million of such
+        // moves still are a way.
+        if piece.length <= NO_LENGTH {
             return;
         }
+        self.position = piece.path.end();
         let profile = &mut self.profile;
         self.smoother.push(piece, &mut |s| forward(profile, s));
     }
@@ -376,20 +495,51 @@ impl<'a> Trajectory<'a> {
         let profile = &mut self.profile;
         self.marks.push_back(outputs);
         self.smoother.mark(0, &mut |s| forward(profile, s));
+        if self.marks.len() > MOST_MARKS {
+            self.smoother.finish(&mut |s| forward(profile, s));
+            profile.close();
+        }
     }
 
     fn come_to_rest(&mut self, then: AtRest) {
+        let (length, (feed, rapid)) = (self.position.distance(self.aim), self.last_feed);
+        if length > NO_LENGTH {
+            let path = Path::Line {
+                from: self.position,
+                to: self.aim,
+            };
+            self.add(Piece {
+                path,
+                length,
+                feed,
+                feed_factors: vec![],
+                rapid,
+                step: self.last_move,
+                corner: Corner::Stop,
+            });
+        }
         let profile = &mut self.profile;
         self.smoother.finish(&mut |s| forward(profile, s));
         self.profile.close();
         self.at_rest = Some(then);
     }
 
-    fn surface_speed(&self) -> bool {
-        matches!(
-            self.spindle,
-            SpindleState::Clockwise(SpindleMode::Surface { .. }) | SpindleState::Counterclockwise(SpindleMode::Surface { .. })
-        )
+    /// The motion before a change at rest has been given out; from here on the change holds.
+    fn change_given(&mut self, outputs: &[Output]) {
+        for output in outputs {
+            if let Output::Command(Command::Spindle { spindle, .. }) = output {
+                let speed = match spindle {
+                    SpindleCommand::Stop => Rpm::ZERO,
+                    SpindleCommand::Clockwise(n) | SpindleCommand::Counterclockwise(n) => *n,
+                };
+                self.spindle_told = (speed, self.statistics.samples);
+            }
+        }
+        self.given = Given {
+            spindle: self.spindle,
+            setup_from_machine: self.machine_from_setup.inverse(),
+            tool_offset: self.tool_offset,
+        };
     }
 
     /// The tool tip in the set-up when the gauge point is at `gauge`.
@@ -414,10 +564,7 @@ impl<'a> Trajectory<'a> {
             }
             self.history = Some((point.position, last));
         }
-        if self.surface_speed() {
-            let wanted = self
-                .spindle
-                .revolutions(Millimetres(self.tip(Point::from_xyz(point.position)).xyz[0]));
+        if let Some(wanted) = self.given.surface_revolutions(point.position) {
             let (told, at) = self.spindle_told;
             let due = (wanted - told).abs().0 > 0.01 * told.0 || (wanted != told && self.statistics.samples >= at + 10);
             if due {
@@ -460,17 +607,155 @@ fn starting_at(path: Path<Machine>, place: Point<Machine>) -> Path<Machine> {
     match path {
         Path::Line { to, .. } => Path::Line { from: place, to },
         Path::Arc(mut arc) => {
-            // The start moves in the arc's plane and the plane moves with it; the centre stays above its place.
+            // Lengthwise the rise takes it up. In the plane, turn and size change such that the end stays: chord and angle make a circle.
             let d = place - arc.from;
-            arc.centre = arc.centre + arc.normal * d.dot(arc.normal);
+            let up = d.dot(arc.normal);
+            let end = Path::Arc(arc).end();
+            let chord = arc.from - (end - arc.normal * arc.rise);
+            let flat = arc.normal * up;
+            let moved = place - flat - (end - arc.normal * arc.rise);
+            // A nearly closed circle would be carried away by many times the gap; it is shifted as it is, and the next move closes the
+            // rest.
+            if chord.length() < SHORTEST_CHORD * arc.radius() {
+                arc.centre = arc.centre + d;
+                arc.from = place;
+                return Path::Arc(arc);
+            }
+            // Rotation and scale that take the old chord to the new one, about the end.
+            let (scale, sine) = (
+                moved.dot(chord) / chord.dot(chord),
+                arc.normal.dot(chord.cross(moved)) / chord.dot(chord),
+            );
+            let to_centre = arc.centre - (end - arc.normal * arc.rise);
+            arc.centre = end - arc.normal * arc.rise + to_centre * scale + arc.normal.cross(to_centre) * sine + flat;
             arc.from = place;
+            arc.rise -= up;
             Path::Arc(arc)
         }
         Path::Spline(mut spline) => {
-            if let Some(first) = spline.poles.first_mut() {
-                *first = place;
-            }
+            // The start of a clamped spline is its first pole; that of another one is a mean of as many poles as its degree.
+            let d = place - Path::Spline(spline.clone()).start();
+            let clamped = spline.knots[..=spline.degree].windows(2).all(|k| k[0] == k[1]);
+            let count = if clamped { 1 } else { spline.degree };
+            spline.poles.iter_mut().take(count).for_each(|p| *p = *p + d);
             Path::Spline(spline)
         }
     }
+}
+
+/// A path cut at its inner corners, with the parameters of each part: a spline whose knot is as multiple as its degree may turn there.
+fn smooth_parts(path: &Path<Setup>) -> Vec<(Path<Setup>, [f64; 2])> {
+    let whole = || vec![(path.clone(), [0.0, 1.0])];
+    let Path::Spline(spline) = path else { return whole() };
+    let degree = spline.degree;
+    let (low, high) = (spline.knots[degree], spline.knots[spline.poles.len()]);
+    let mut parts = vec![];
+    let (mut poles, mut knots, mut from) = (0, spline.knots[..=degree].to_vec(), low);
+    let mut k = degree + 1;
+    while k < spline.knots.len() {
+        let knot = spline.knots[k];
+        let after = k + spline.knots[k..].iter().take_while(|other| **other == knot).count();
+        if knot > from && knot < high && after - k >= degree {
+            let mut inner = knots.clone();
+            inner.extend(std::iter::repeat_n(knot, degree + 1));
+            parts.push((
+                part(spline, poles..k, inner),
+                [(from - low) / (high - low), (knot - low) / (high - low)],
+            ));
+            poles = after - degree - 1;
+            knots = vec![knot; degree + 1];
+            from = knot;
+        } else {
+            knots.extend(&spline.knots[k..after]);
+        }
+        k = after;
+    }
+    if parts.is_empty() {
+        return whole();
+    }
+    parts.push((
+        part(spline, poles..spline.poles.len(), knots),
+        [(from - low) / (high - low), 1.0],
+    ));
+    parts
+}
+
+fn part(spline: &Spline<Setup>, poles: std::ops::Range<usize>, knots: Vec<f64>) -> Path<Setup> {
+    Path::Spline(Spline {
+        degree: spline.degree,
+        weights: spline.weights.get(poles.clone()).map_or(vec![], <[f64]>::to_vec),
+        poles: spline.poles[poles].to_vec(),
+        knots,
+    })
+}
+
+/// A speed profile over the path's parameter instead of its length.
+fn over_parameter(profile: &SpeedProfile, path: &Path<Setup>, length: f64) -> Vec<(f64, f64)> {
+    let points = profile.points.iter().copied();
+    let Path::Spline(spline) = path else { return points.collect() };
+    // Length at equal parameters, many for each span; between them length and parameter are nearly proportional.
+    let count = 64 * (spline.poles.len() - spline.degree);
+    let mut table = vec![(0.0, 0.0)];
+    for k in 1..=count {
+        let (before, u) = ((k - 1) as f64 / count as f64, k as f64 / count as f64);
+        let (_, sum) = table[k - 1];
+        table.push((u, sum + spline.length_between(before, u) / length));
+    }
+    let total = table[count].1;
+    let share = |s: f64| s * total;
+    let inverse = |s: f64| {
+        let after = table.partition_point(|t| t.1 < share(s)).clamp(1, count);
+        let (a, b) = (table[after - 1], table[after]);
+        a.0 + (b.0 - a.0) * ((share(s) - a.1) / (b.1 - a.1).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
+    };
+    let mut along: Vec<(f64, f64)> = vec![];
+    for (s, factor) in points {
+        // The factor is linear in the length and so not in the parameter: follow it over the table.
+        if let (Some(last), true) = (along.last().copied(), s > 0.0) {
+            let u = inverse(s.min(1.0));
+            let inner = table.iter().filter(|t| t.0 > last.0 && t.0 < u);
+            let inner: Vec<(f64, f64)> = inner.map(|t| (t.0, profile.factor(t.1 / total))).collect();
+            along.extend(inner);
+        }
+        along.push((inverse(s.clamp(0.0, 1.0)), factor));
+    }
+    along
+}
+
+/// A feed that follows the radius, as points with straight lines between them.
+fn looked_at(at: &dyn Fn(f64) -> f64) -> Vec<(f64, f64)> {
+    fn halve(at: &dyn Fn(f64) -> f64, a: (f64, f64), b: (f64, f64), depth: u8, points: &mut Vec<(f64, f64)>) {
+        let middle = (a.0 + b.0) / 2.0;
+        let m = (middle, at(middle));
+        if depth > 0 && ((a.1 + b.1) / 2.0 - m.1).abs() > FEED_ERROR * m.1 {
+            halve(at, a, m, depth - 1, points);
+            halve(at, m, b, depth - 1, points);
+        } else {
+            points.push(b);
+        }
+    }
+    let look = |k: u32| {
+        let u = f64::from(k) / f64::from(FEED_LOOKS);
+        (u, at(u))
+    };
+    let mut points = vec![look(0)];
+    for k in 0..FEED_LOOKS {
+        halve(at, look(k), look(k + 1), FEED_HALVINGS, &mut points);
+    }
+    points
+}
+
+/// Two multipliers at once: at the points of both; between them their product bends upwards or downwards, so it is looked at more often.
+fn product(steps: &[(f64, f64)], smooth: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let value = |points: &[(f64, f64)], u: f64| SpeedProfile { points: points.to_vec() }.factor(u);
+    let mut all: Vec<(f64, f64)> = steps.iter().map(|(u, f)| (*u, f * value(smooth, *u))).collect();
+    let others = smooth.iter().map(|p| p.0).chain((0..=64).map(|k| f64::from(k) / 64.0));
+    all.extend(
+        others
+            .filter(|u| steps.iter().all(|p| p.0 != *u))
+            .map(|u| (u, value(steps, u) * value(smooth, u))),
+    );
+    // Stable: the two points of a step stay in their order.
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    all
 }
