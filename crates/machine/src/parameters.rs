@@ -22,6 +22,10 @@ pub struct MachineParameters {
     pub following_warning: Millimetres,
     /// Following error at which the drives are stopped.
     pub following_fault: Millimetres,
+    /// Where the path is at rest the program goes on when every axis is this near, as the in-position width of a control.
+    pub in_position: Millimetres,
+    /// It goes on after this time in any case; that is counted.
+    pub in_position_time_out: Seconds,
     /// Servo cycles that may be lost in a row before the machine makes a controlled stop.
     pub late_ticks_allowed: u32,
     /// How much cutting loads the axes; simulation only.
@@ -195,6 +199,8 @@ impl MachineParameters {
             tool_change_stops_spindle: true,
             following_warning: Millimetres(0.1),
             following_fault: Millimetres(0.5),
+            in_position: Millimetres(0.01),
+            in_position_time_out: Seconds(0.2),
             late_ticks_allowed: 5,
             cutting: CuttingParameters {
                 force_per_speed: 4.0,
@@ -275,11 +281,13 @@ impl MachineParameters {
             ("spindle.time_out", s.time_out.0),
             ("following_warning", self.following_warning.0),
             ("following_fault", self.following_fault.0),
+            ("in_position", self.in_position.0),
         ];
         let not_negative = [
             ("spindle.friction", s.friction),
             ("spindle.viscous", s.viscous),
             ("tool_change", self.tool_change.0),
+            ("in_position_time_out", self.in_position_time_out.0),
             ("cutting.force_per_speed", c.force_per_speed),
             ("cutting.highest_force", c.highest_force),
             ("cutting.fastest_feed", c.fastest_feed.0),
