@@ -26,7 +26,7 @@
 //! | `emergency-stop`, `emergency-stop-released` | |
 //! | `fault` | `cause`, `axis` |
 //! | `late` | `lost_ticks` |
-//! | `starved`, `following-warning`, `encoder-bridged`, `spindle-limited`, `off-path-stop`, `record-gap` | `count` since the last such event |
+//! | `starved`, `following-warning`, `in-position-timeout`, `encoder-bridged`, `spindle-limited`, `off-path-stop`, `record-gap` | `count` since the last such event |
 //! | `job-ended` | `ended`, `text`, `commands`, `completed`, `discarded` |
 
 use machine::{FaultCause, StopCause};

@@ -314,6 +314,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         }
         for (kind, before, after) in [
             ("following-warning", old.following_warnings, new.following_warnings),
+            ("in-position-timeout", old.in_position_time_outs, new.in_position_time_outs),
             ("encoder-bridged", old.bridged_readings, new.bridged_readings),
             ("spindle-limited", old.spindle_limited, new.spindle_limited),
             ("off-path-stop", old.off_path_stops, new.off_path_stops),

@@ -6,6 +6,9 @@ use units::{Rpm, StepId, ToolNumber, WorkingstepId};
 ///
 /// Carries speed and acceleration for the feed-forward of the servo loop, the step for the record, and the path length, so that hold
 /// and stop can slow time along the path instead of leaving it.
+///
+/// One whose velocity is zero is a rest: it is done, and what stands behind it begins, when the axes are in position
+/// ([`crate::MachineParameters::in_position`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SetPoint {
     /// Gauge-point position of each axis, machine frame, mm.

@@ -51,6 +51,8 @@ pub struct AxisOrder {
     pub position: f64,
     /// Speed from the position loop, feed-forward included, mm/s.
     pub velocity: f64,
+    /// The plan's part of that speed, mm/s (CiA 402: velocity offset). Its sign tells the drive when friction turns round.
+    pub planned: f64,
     /// Feed-forward torque, Nm at the motor.
     pub torque: f64,
 }

@@ -5,7 +5,7 @@
 //! amplifier limits, a quantised encoder on the motor, play between motor and slide, a screw that warms up, a spindle limited by torque
 //! and power, a rough cutting force, and sensor noise from a seed. Everything it tells is SIMULATED.
 
-use crate::drive::{CyclicDrive, DriveMode, DriveOrders, Feedback};
+use crate::drive::{AxisOrder, CyclicDrive, DriveMode, DriveOrders, Feedback};
 use crate::parameters::{CuttingParameters, MachineParameters, Mechanics, SpindleParameters};
 use crate::servo::{VelocityLoop, within};
 use crate::{CoolantOutlets, SpindleCommand};
@@ -62,6 +62,8 @@ struct Axis {
     position: f64,
     /// Motor speed, rad/s.
     speed: f64,
+    /// The motor's own encoder: pulses for each mm of travel, and its last reading.
+    motor_pulses: (f64, f64),
     /// Ramp of a quick stop, rad/s.
     ramp: f64,
     /// Motor current, A.
@@ -163,7 +165,7 @@ impl Plant {
             } else {
                 0.0
             };
-            axis.cycle(mode, order.velocity, order.torque, cut_force * share);
+            axis.cycle(mode, order, cut_force * share);
         }
         self.spindle.cycle(spindle_order, cut_force * self.cutting.arm);
     }
@@ -247,6 +249,7 @@ impl Axis {
         let mechanics = parameters.mechanics;
         let torque_per_volt = mechanics.current_gain * mechanics.torque_constant;
         let (low, high) = (parameters.lowest.0, parameters.highest.0);
+        let motor_pulses = mechanics.motor_pulses / (core::f64::consts::TAU * mechanics.transmission);
         Axis {
             mechanics,
             velocity_loop: VelocityLoop::new(&parameters.servo, &mechanics),
@@ -258,6 +261,7 @@ impl Axis {
             travel: ((low + high) / 2.0, (high - low).max(1.0)),
             position: start,
             speed: 0.0,
+            motor_pulses: (motor_pulses, libm::round(start * motor_pulses)),
             ramp: 0.0,
             current: 0.0,
             slide: start,
@@ -272,23 +276,35 @@ impl Axis {
         (libm::round(self.position * self.pulses_per_mm) + f64::from(self.encoder_error)) / self.pulses_per_mm
     }
 
+    /// Motor speed as the drive knows it, rad/s: whole pulses of the motor's encoder since the last integration step.
+    fn measured_speed(&mut self) -> f64 {
+        let (pulses_per_mm, last) = self.motor_pulses;
+        let pulses = libm::round(self.position * pulses_per_mm);
+        self.motor_pulses.1 = pulses;
+        (pulses - last) / (pulses_per_mm * self.mechanics.transmission * STEP)
+    }
+
     fn true_position(&self) -> f64 {
         let (middle, width) = self.travel;
         self.slide + self.warmth * self.mechanics.expansion * (self.slide - middle) / width
     }
 
-    /// One servo cycle with a speed order (mm/s), a feed-forward torque (Nm) and a force against the motion (N).
-    fn cycle(&mut self, mode: DriveMode, velocity: f64, torque: f64, force: f64) {
-        let m = &self.mechanics;
+    /// One servo cycle with an order and a force against the motion (N).
+    fn cycle(&mut self, mode: DriveMode, order: &AxisOrder, force: f64) {
+        let m = self.mechanics;
+        if mode == DriveMode::Follow {
+            self.velocity_loop.plan(order.planned);
+        }
         let load = force * m.transmission * 1e-3;
         let mut friction_power = 0.0;
         for _ in 0..SUBSTEPS {
+            let measured = self.measured_speed();
             let motor = match mode {
                 DriveMode::Follow => {
                     self.ramp = self.speed;
                     let u = self
                         .velocity_loop
-                        .voltage(velocity / m.transmission, self.speed, torque, STEP);
+                        .voltage(order.velocity / m.transmission, measured, order.torque, STEP);
                     u * self.torque_per_volt
                 }
                 DriveMode::QuickStop => {
@@ -296,7 +312,7 @@ impl Axis {
                     let before = self.ramp;
                     self.ramp -= within(self.ramp, -fall, fall);
                     let feed_forward = (self.ramp - before) / STEP * m.inertia + m.viscous * self.ramp;
-                    let u = self.velocity_loop.voltage(self.ramp, self.speed, feed_forward, STEP);
+                    let u = self.velocity_loop.voltage(self.ramp, measured, feed_forward, STEP);
                     u * self.torque_per_volt
                 }
                 DriveMode::Off => {

@@ -11,7 +11,7 @@ pub enum Phase {
     Ready = 0,
     /// Axes follow set-points.
     Running = 1,
-    /// Waiting inside a program: dwell, spindle getting to speed, tool change.
+    /// Waiting inside a program: axes getting into position, dwell, spindle getting to speed, tool change.
     Waiting = 2,
     /// A program stop: waits for cycle start.
     Paused = 3,

@@ -18,8 +18,15 @@ pub struct PositionLoop {
     torque_of_acceleration: f64,
     /// Nm for each mm/s.
     torque_of_velocity: f64,
-    /// Nm in plus and in minus direction.
-    friction: [f64; 2],
+    /// Coulomb friction and what static friction has on top of it, Nm in plus and in minus direction.
+    sliding: [f64; 2],
+    breakaway: [f64; 2],
+    /// Speed, mm/s, and travel, mm, up to which the extra is given.
+    stribeck_speed: f64,
+    breakaway_travel: f64,
+    /// Where the plan rested or turned round last, mm, and the sign of its speed since.
+    turned_at: f64,
+    direction: f64,
     /// Half an encoder pulse and a bit, mm: no correction inside it at rest, or stiction and quantisation would make the axis hunt.
     dead_band: f64,
 }
@@ -29,6 +36,8 @@ pub struct PositionLoop {
 pub struct SpeedOrder {
     /// mm/s.
     pub velocity: f64,
+    /// The plan's part of it, mm/s.
+    pub planned: f64,
     /// Nm at the motor.
     pub torque: f64,
 }
@@ -38,32 +47,53 @@ impl PositionLoop {
     pub fn new(gains: &ServoGains, mechanics: &Mechanics, pulses_per_mm: f64) -> Self {
         let rg = mechanics.transmission;
         let torque_per_volt = mechanics.current_gain * mechanics.torque_constant;
+        let known = |volts: f64| volts * torque_per_volt * gains.friction_compensation;
         PositionLoop {
             gain: gains.position * rg,
             torque_of_acceleration: mechanics.inertia / rg,
             torque_of_velocity: mechanics.viscous / rg,
-            friction: mechanics
-                .coulomb_friction
-                .map(|volts| volts * torque_per_volt * gains.friction_compensation),
+            sliding: mechanics.coulomb_friction.map(known),
+            breakaway: core::array::from_fn(|side| known(mechanics.static_friction[side] - mechanics.coulomb_friction[side])),
+            stribeck_speed: mechanics.stribeck_speed * rg,
+            breakaway_travel: gains.breakaway_travel,
+            turned_at: 0.0,
+            direction: 0.0,
             dead_band: 0.75 / pulses_per_mm,
         }
     }
 
     /// One cycle. `position`, `velocity`, `acceleration` are commanded (mm, mm/s, mm/s^2), `actual` is by encoder, mm.
-    pub fn order(&self, position: f64, velocity: f64, acceleration: f64, actual: f64) -> SpeedOrder {
+    pub fn order(&mut self, position: f64, velocity: f64, acceleration: f64, actual: f64) -> SpeedOrder {
         let mut error = position - actual;
         if velocity == 0.0 && error.abs() <= self.dead_band {
             error = 0.0;
         }
         // The order holds for the whole coming cycle, so the speed of its middle is the right one.
         let middle = velocity + acceleration * (0.5 * TICK.0);
-        // Full friction from 1 mm/s on, proportional below, so that a standing axis is not pushed.
-        let share = within(middle, -1.0, 1.0);
-        let friction = if share >= 0.0 { self.friction[0] } else { self.friction[1] } * share;
         SpeedOrder {
             velocity: middle + self.gain * error,
-            torque: self.torque_of_acceleration * acceleration + self.torque_of_velocity * middle + friction,
+            planned: middle,
+            torque: self.torque_of_acceleration * acceleration
+                + self.torque_of_velocity * middle
+                + self.friction(position, middle),
         }
+    }
+
+    /// What friction takes at a commanded place and speed, mm and mm/s, as far as it is known, Nm.
+    ///
+    /// It turns round at once with the commanded speed, and is higher over the first micrometres, until the axis has broken away: without
+    /// that, the axis sticks at each reversal until the position loop has gathered enough error (the quadrant marks on a circle). The
+    /// commanded speed is free of noise, and exactly 0 at rest, so a standing axis is not pushed to and fro.
+    fn friction(&mut self, position: f64, velocity: f64) -> f64 {
+        let direction = if velocity == 0.0 { 0.0 } else { 1f64.copysign(velocity) };
+        if direction != self.direction {
+            (self.direction, self.turned_at) = (direction, position);
+        }
+        let side = usize::from(velocity < 0.0);
+        let ratio = velocity / self.stribeck_speed;
+        let slow = if ratio.abs() > 5.0 { 0.0 } else { libm::exp(-ratio * ratio) };
+        let near = 1.0 - (position - self.turned_at).abs() / self.breakaway_travel;
+        direction * (self.sliding[side] + self.breakaway[side] * slow.max(near))
     }
 }
 
@@ -76,6 +106,10 @@ pub struct VelocityLoop {
     limit: f64,
     /// The integral part, V.
     integral: f64,
+    /// Sign of the last planned speed that was not 0.
+    direction: f64,
+    /// Coulomb friction that the feed-forward does not supply, in plus and in minus direction, V.
+    unknown_friction: [f64; 2],
 }
 
 impl VelocityLoop {
@@ -87,7 +121,33 @@ impl VelocityLoop {
             volts_per_torque: 1.0 / (mechanics.current_gain * mechanics.torque_constant),
             limit: mechanics.peak_current / mechanics.current_gain,
             integral: 0.0,
+            direction: 0.0,
+            unknown_friction: mechanics
+                .coulomb_friction
+                .map(|v| v * (1.0 - gains.friction_compensation).max(0.0)),
         }
+    }
+
+    /// The plan's speed in the coming cycle, any unit.
+    ///
+    /// What the integral part has gathered is the friction that the feed-forward does not know, and the force of the cut. At a reversal
+    /// the one turns round with the motion, and the other is most likely over: the tool goes back. Without that the integral part would
+    /// push against the new direction until it has unlearnt.
+    pub fn plan(&mut self, speed: f64) {
+        if speed == 0.0 {
+            return;
+        }
+        let direction = 1f64.copysign(speed);
+        if direction == -self.direction {
+            let (from, to) = (usize::from(direction > 0.0), usize::from(direction < 0.0));
+            let friction = within(self.integral, -self.unknown_friction[from], self.unknown_friction[from]);
+            self.integral = if friction == 0.0 {
+                0.0
+            } else {
+                -friction * self.unknown_friction[to] / self.unknown_friction[from]
+            };
+        }
+        self.direction = direction;
     }
 
     /// Control voltage, V, from commanded and real motor speed, rad/s, feed-forward torque, Nm, and the time since the last call, s.
@@ -108,7 +168,7 @@ impl VelocityLoop {
 
     /// Forgets the past: the drive was off.
     pub fn reset(&mut self) {
-        self.integral = 0.0;
+        (self.integral, self.direction) = (0.0, 0.0);
     }
 }
 
@@ -132,7 +192,7 @@ mod tests {
     #[test]
     fn an_error_below_a_pulse_at_rest_is_left_alone() {
         let x = MachineParameters::small_machining_centre().axes[0];
-        let position = PositionLoop::new(&x.servo, &x.mechanics, 1000.0);
+        let mut position = PositionLoop::new(&x.servo, &x.mechanics, 1000.0);
         assert_eq!(position.order(10.0004, 0.0, 0.0, 10.0), SpeedOrder::default());
         assert!(position.order(10.002, 0.0, 0.0, 10.0).velocity > 0.0);
     }

@@ -39,6 +39,8 @@ pub enum State {
 pub enum Wait {
     /// The next command; the queue is empty and the axes are at rest.
     Commands,
+    /// The axes to be in position where the path is at rest.
+    Position,
     /// The spindle to be at speed.
     Spindle,
     /// The tool changer.

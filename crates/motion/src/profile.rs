@@ -36,7 +36,7 @@ struct Interval {
     straight: bool,
     /// Largest b at its start from which the window's end can be reached.
     reachable: f64,
-    stop_at_end: bool,
+    rest_at_end: Option<[f64; 3]>,
     step: StepId,
 }
 
@@ -67,6 +67,8 @@ pub struct Phase {
 pub enum Profiled {
     /// A part of the motion.
     Phase(Phase),
+    /// The motion rests at this place, the end of what this step says.
+    Rest([f64; 3], StepId),
     /// This stands here.
     Mark(Mark),
 }
@@ -165,7 +167,7 @@ impl Profile {
                 cap,
                 straight: straight_line && feeds[0] == feeds[1],
                 reachable: 0.0,
-                stop_at_end: segment.stop_at_end && k == last,
+                rest_at_end: segment.rest_at_end.filter(|_| k == last).map(|p| p.xyz),
                 step: segment.step,
             };
             self.length += interval.length();
@@ -326,6 +328,9 @@ impl Profile {
             end
         };
         self.entry = Some((interval.end(), end));
+        if let Some(place) = interval.rest_at_end {
+            self.out.push_back(Profiled::Rest(place, interval.step));
+        }
     }
 
     /// The exact profile on a straight interval: up, along at the cap, down.
@@ -362,7 +367,9 @@ impl Profile {
 /// Largest b at an interval's end: its own cap, and what its successor can take.
 fn end_limit(interval: &Interval, next: Option<&(Border, f64)>) -> f64 {
     match next {
-        Some((border, reachable)) if !interval.stop_at_end => interval.cap[1].min(converted(*reachable, border, &interval.end())),
+        Some((border, reachable)) if interval.rest_at_end.is_none() => {
+            interval.cap[1].min(converted(*reachable, border, &interval.end()))
+        }
         _ => 0.0,
     }
 }

@@ -66,7 +66,8 @@ impl Sampler {
         Sampled::SetPoint(self.set_point(position, velocity, acceleration, path_speed, step))
     }
 
-    /// The motion is over: the set-point at rest in `end`, when the axes are not there yet.
+    /// The motion stands still: the set-point at rest in `end`, when the axes are not there yet. It falls on a cycle of its own, so that the
+    /// machine can see it and wait there until the axes are in position.
     pub fn rest(&mut self, end: [f64; 3], step: StepId) -> Option<SetPoint> {
         let moved = self.moving;
         self.phase = None;

@@ -105,8 +105,8 @@ pub struct Segment {
     pub feed: Vec<f64>,
     /// The step in whose name it is travelled.
     pub step: StepId,
-    /// The machine comes to rest at its end.
-    pub stop_at_end: bool,
+    /// The machine comes to rest at its end, which is exactly here.
+    pub rest_at_end: Option<Point<Machine>>,
 }
 
 /// What the smoother gives.
@@ -182,7 +182,7 @@ impl Smoother {
                         borders,
                         feed: feed.clone(),
                         step,
-                        stop_at_end: false,
+                        rest_at_end: None,
                     })
                 };
                 out(part([0.0, 0.5], last.step));
@@ -346,7 +346,7 @@ fn emit(piece: &Piece, from: f64, to: f64, stop_at_end: bool, out: &mut impl FnM
         borders,
         feed,
         step: piece.step,
-        stop_at_end,
+        rest_at_end: stop_at_end.then(|| piece.path.end()),
     }));
 }
 

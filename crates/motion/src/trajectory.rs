@@ -174,6 +174,11 @@ impl<'a> Trajectory<'a> {
             }
             match self.profile.advance() {
                 Some(Profiled::Phase(phase)) => self.sampler.feed(phase),
+                Some(Profiled::Rest(place, step)) => {
+                    if let Some(point) = self.sampler.rest(place, step) {
+                        return self.give(point);
+                    }
+                }
                 Some(Profiled::Mark(_)) => self.ready.extend(self.marks.pop_front().into_iter().flatten()),
                 None if self.at_rest.is_some() => {
                     // What is left of the way has no length.
