@@ -481,7 +481,9 @@ impl Interval {
         let mut high = at_end;
         let mut low = 0.0f64;
         for (p, r, a) in self.half_planes(a_max) {
-            let room = a - p * start;
+            // Where the path turns away from an axis, r is nearly 0 and the start may use up the axis: what rounding leaves of the room,
+            // divided by r, would forbid every end.
+            let room = a * (1.0 + 1e-9) - p * start;
             if r > 0.0 {
                 high = high.min(room / r);
             } else if r < 0.0 {

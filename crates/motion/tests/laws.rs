@@ -759,3 +759,23 @@ fn a_program_of_remarks_passes_through_a_bounded_window() {
         read.get()
     );
 }
+
+#[test]
+fn a_circle_that_starts_across_a_weak_axis_keeps_its_limits() {
+    // At its start the path has no speed in Y and all its bend there; rounding decided how fast the first interval might end.
+    let limits = Limits {
+        v_max: [MmPerSec(1660.0); 3],
+        a_max: [MmPerSec2(528.360_411_7), MmPerSec2(460.307_571), MmPerSec2(14046.0)],
+        j_max: None,
+        tolerance: Millimetres(0.1),
+    };
+    for radius in [0.5, 1.14, 5.128_535, 20.0, 60.0] {
+        let top = [0.0, radius, 0.0];
+        let circle = arc(Point::from_xyz(top), [0.0; 3], std::f64::consts::TAU, -1.128);
+        let steps = vec![
+            feed_move(line([0.545, radius, 0.0], top), 300_000.0),
+            feed_move(circle, 19_437.0),
+        ];
+        check_laws_with(steps, [0.545, radius, 0.0], limits);
+    }
+}
