@@ -569,7 +569,8 @@ impl Controller {
             Some(command) => needs_rest(command),
             None => false,
         };
-        let comes_to_rest = (0..ahead).rev().any(rests) || (ahead == 0 && self.resting(&self.here));
+        let at_rest_already = self.resting(&self.here) && self.next_set_point().is_none();
+        let comes_to_rest = (0..ahead).rev().any(rests) || at_rest_already;
         !comes_to_rest
     }
 

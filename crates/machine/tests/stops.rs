@@ -5,7 +5,7 @@ use machine::{
     Command, Counters, FaultCause, MachineParameters, Plant, Quality, RealtimeHalf, Report, Request, SetPoint, SpindleCommand,
     State, StopCause,
 };
-use units::{Millimetres, Point, Rpm, StepId, Tick, ToolNumber};
+use units::{Millimetres, Point, Rpm, StepId, Tick, ToolNumber, WorkingstepId};
 
 const T: f64 = 0.001;
 
@@ -431,6 +431,21 @@ fn a_path_is_not_begun_before_there_is_enough_of_it_to_stop_on() {
     bench.run(3000);
     assert!(bench.last().idle, "{:?}", bench.state());
     assert_eq!(bench.counters().starved_ticks, 0);
+}
+
+#[test]
+fn switching_that_is_not_waited_for_is_done_at_rest_though_nothing_follows_it() {
+    let mut program = ordinary();
+    program.push(Command::Workingstep {
+        workingstep: WorkingstepId(2),
+        step: StepId(9000),
+    });
+    let count = program.len() as u64;
+    let mut bench = Bench::new(program);
+    bench.run(3000);
+    assert!(bench.last().idle, "{:?}", bench.state());
+    assert_eq!((bench.counters().completed, bench.counters().starvations), (count, 0));
+    assert_eq!(bench.last().sample.workingstep, WorkingstepId(2));
 }
 
 /// A circle whose bend alone takes all of the acceleration that an axis has: 200 mm/s on radius 13.33 mm.
