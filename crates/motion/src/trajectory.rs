@@ -56,6 +56,12 @@ pub struct Trajectory<'a> {
     gaps: f64,
 }
 
+/// No machine reaches a kilometre: a coordinate beyond is a slip of the pen, and would be planned for hours.
+const FARTHEST: f64 = 1e6;
+
+/// The longest single move or dwell, s: a day.
+const LONGEST: f64 = 86_400.0;
+
 enum AtRest {
     Outputs(Vec<Output>),
     Ask(Question),
@@ -171,6 +177,7 @@ impl<'a> Trajectory<'a> {
                     return Err(self.finding("bad-coordinate", "a machine coordinate is not a number", step.origin));
                 }
                 let length = path.length();
+                self.reachable(&path, length, f64::INFINITY, step.origin)?;
                 self.add(Piece {
                     path,
                     length,
@@ -214,6 +221,10 @@ impl<'a> Trajectory<'a> {
             StepKind::Dwell(time) => {
                 if !(time.0 >= 0.0 && time.is_finite()) {
                     return Err(self.finding("bad-dwell", format!("a dwell of {time} cannot be done"), step.origin));
+                }
+                if time.0 > LONGEST {
+                    let found = self.finding("long-dwell", format!("a dwell of {time} is longer than a day"), step.origin);
+                    return Err(with_remedy(found, "correct the time, and its unit"));
                 }
                 let cycles = libm::ceil(time.0 / TICK.0 - 1e-9).min(f64::from(u32::MAX)) as u32;
                 self.statistics.time += Seconds(f64::from(cycles) * TICK.0);
@@ -298,10 +309,7 @@ impl<'a> Trajectory<'a> {
         let profile = |fraction: f64| m.profile.as_ref().map_or(1.0, |p| p.factor(fraction));
         let bad_feed = |v: f64| {
             let message = format!("a feed of {v} mm/s cannot be moved at");
-            Box::new(Diagnostic {
-                remedy: "give the path a feed above 0".into(),
-                ..*self.finding("bad-feed", message, origin)
-            })
+            with_remedy(self.finding("bad-feed", message, origin), "give the path a feed above 0")
         };
         let (feed, feed_factors) = match programmed_feed {
             None => (f64::INFINITY, vec![]),
@@ -337,14 +345,14 @@ impl<'a> Trajectory<'a> {
                         "a feed per revolution needs a turning spindle",
                         origin,
                     );
-                    return Err(Box::new(Diagnostic {
-                        remedy: "start the spindle (M3 S...) before this move".into(),
-                        ..*found
-                    }));
+                    return Err(with_remedy(found, "start the spindle (M3 S...) before this move"));
                 }
                 if constant { (speeds[0], vec![]) } else { (1.0, speeds) }
             }
         };
+        let fastest = feed_factors.iter().copied().fold(0.0, f64::max);
+        let top = if feed_factors.is_empty() { feed } else { feed * fastest };
+        self.reachable(&path, length, top, origin)?;
         let corner = match self.path_mode {
             PathMode::ExactStop => Corner::Stop,
             PathMode::ExactPath => Corner::Within(EXACT_PATH_TOLERANCE),
@@ -359,6 +367,29 @@ impl<'a> Trajectory<'a> {
             step: step.id,
             corner,
         })
+    }
+
+    /// A move that stays within a kilometre and takes less than a day; `top` is its highest feed, mm/s.
+    fn reachable(&self, path: &Path<Machine>, length: f64, top: f64, origin: Origin) -> Result<(), Box<Diagnostic>> {
+        let far = path.end().xyz.into_iter().map(f64::abs).fold(length, f64::max);
+        if far > FARTHEST {
+            let [x, y, z] = path.end().xyz;
+            let message = format!("a move of {length:.3e} mm to X {x:.3e} Y {y:.3e} Z {z:.3e}: no machine reaches that far");
+            let found = self.finding("out-of-reach", message, origin);
+            return Err(with_remedy(found, "correct the coordinates, and their unit"));
+        }
+        let most = |limits: [f64; 3]| limits.into_iter().map(|v| v * v).sum::<f64>().sqrt();
+        let (v_max, a_max) = (most(self.limits.v_max.map(|v| v.0)), most(self.limits.a_max.map(|a| a.0)));
+        let least = (length / v_max.min(top)).max(2.0 * (length / a_max).sqrt());
+        if least > LONGEST {
+            let message = format!("a move of {length:.3} mm would take {:.1} days", least / LONGEST);
+            let found = self.finding("endless-move", message, origin);
+            return Err(with_remedy(
+                found,
+                "correct the feed, and its unit, or the limits of the axes",
+            ));
+        }
+        Ok(())
     }
 
     fn add(&mut self, piece: Piece) {
@@ -438,6 +469,13 @@ impl<'a> Trajectory<'a> {
         }
         Box::new(found)
     }
+}
+
+fn with_remedy(found: Box<Diagnostic>, remedy: &str) -> Box<Diagnostic> {
+    Box::new(Diagnostic {
+        remedy: remedy.into(),
+        ..*found
+    })
 }
 
 fn forward(profile: &mut Profile, smoothed: Smoothed) {
