@@ -6,7 +6,7 @@ use machine::MachineParameters;
 use motion::Limits;
 use std::path::Path;
 use store::machine_file::MachineKind;
-use store::{DataDirectory, MachineFile, StoreError};
+use store::{DataDirectory, Ending, MachineFile, StoreError};
 use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3};
 
 /// A blend may leave the path this far where the program does not say.
@@ -22,10 +22,12 @@ pub fn failure(error: StoreError) -> Failure {
         70 => panic!("{error}"),
         _ => Exit::Machine,
     };
-    Failure {
-        exit,
-        message: format!("error: {error}"),
-    }
+    let message = match error {
+        // It is a diagnostic, which says itself how bad it is.
+        StoreError::MachineFile(found) => found.to_string(),
+        error => format!("error: {error}"),
+    };
+    Failure { exit, message }
 }
 
 /// Speed and acceleration of the axes, for the planner. An axis that the machine does not have does not limit.
@@ -76,9 +78,13 @@ pub fn data_directory(common: &Common) -> Result<DataDirectory, Failure> {
 pub fn open_data(root: &Path) -> Result<DataDirectory, Failure> {
     let words: Vec<String> = std::env::args().take(2).collect();
     let holder = format!("toolmark {}", words.get(1).map_or("", String::as_str));
-    let directory = DataDirectory::open(root, holder.trim()).map_err(failure)?;
+    let mut directory = DataDirectory::open(root, holder.trim()).map_err(failure)?;
     for interrupted in directory.interrupted_jobs().map_err(failure)? {
         eprintln!("notice: {interrupted}");
+        let job = &interrupted.job;
+        let last = interrupted.last_event.as_ref().map_or(job.start, ledger::Event::at);
+        // Said once: from here on the job is over.
+        directory.end_job(job.id, last, Ending::Interrupted).map_err(failure)?;
     }
     Ok(directory)
 }

@@ -52,13 +52,16 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
             named_machine(&common.machine)?.as_ref(),
         )?),
     };
-    let rebuilt = match &program {
+    let mut rebuilt = match &program {
         None => asrun::rebuild(None, &record, &options),
         Some(program) => {
             let plan = planned(program, common)?;
             asrun::rebuild(Some(&plan), &record, &options)
         }
     };
+    // What was cut off a recording is missing in the run: the report says so, and the exit code.
+    let damaged = found.iter().filter(|d| d.severity == Severity::Error);
+    rebuilt.report.findings.splice(0..0, damaged.map(ToString::to_string));
     let twin = TwinOptions::at(written_at(common, rebuilt.executed.end)?);
     let bytes = match &program {
         Some(program) => as_executed(program, &rebuilt.executed, &twin)?,
@@ -85,7 +88,8 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         say(&format!("file: {}", args.out.display()));
     }
     let judged = args.tolerance.is_some() && matches!(report.verdict, Verdict::OutOfTolerance | Verdict::Incomplete);
-    Ok(if judged { Exit::Negative } else { Exit::Good })
+    let damaged = found.iter().any(|d| d.severity == Severity::Error);
+    Ok(if judged || damaged { Exit::Negative } else { Exit::Good })
 }
 
 /// The plan of a program for comparison, on the machine that the settings mean.
