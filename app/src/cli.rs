@@ -153,7 +153,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "MS[,JITTER]")]
     pub as_mtconnect: Option<String>,
     /// Verdict: deviation allowed where the program gives none, mm.
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
     /// Wrong set-up, for practice: the n-th workingstep runs with its work offset shifted by X,Y,Z mm; simulated machines only.
     #[arg(long, value_name = "N:X,Y,Z")]
@@ -179,7 +179,7 @@ pub struct RebuildArgs {
     #[arg(long = "as", value_enum, default_value_t = PlacementName::Project)]
     pub placement: PlacementName,
     /// Verdict: deviation allowed where the program gives none, mm; makes a bad verdict exit 1.
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
     /// Also write report.html and report.json here.
     #[arg(long, value_name = "DIR")]
@@ -212,6 +212,6 @@ pub struct CompareArgs {
     #[arg(long, value_name = "N")]
     pub run: Option<usize>,
     /// Verdict: deviation allowed where the program gives none, mm; makes a bad verdict exit 1.
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
 }

@@ -20,11 +20,17 @@ pub fn start_time(given: Option<&str>) -> Result<Timestamp, Failure> {
 }
 
 fn nanoseconds(at: jiff_std::Timestamp) -> Result<Timestamp, Failure> {
-    i64::try_from(at.as_nanosecond()).map(Timestamp).map_err(|_| {
+    let outside = || {
         Failure::usage(format_args!(
             "the time {at} is outside the years 1678 to 2261 that records can hold"
         ))
-    })
+    };
+    let start = i64::try_from(at.as_nanosecond()).map_err(|_| outside())?;
+    // The count of nanoseconds ends in April 2262: what is left after 2261 is for the run itself.
+    if at >= "2262-01-01T00:00:00Z".parse().expect("a time") {
+        return Err(outside());
+    }
+    Ok(Timestamp(start))
 }
 
 /// UTC, for files: `2026-11-21T08:30:00.25Z`.
@@ -44,6 +50,13 @@ mod tests {
     fn a_given_start_is_kept_to_the_nanosecond() {
         let at = start_time(Some("2026-11-21T08:30:00.000000001Z")).expect("a good time");
         assert_eq!(utc(at), "2026-11-21T08:30:00.000000001Z");
+    }
+
+    #[test]
+    fn a_start_so_late_that_the_run_would_not_fit_is_refused() {
+        start_time(Some("2261-12-31T23:59:59Z")).expect("the last second");
+        let failure = start_time(Some("2262-04-11T23:47:16Z")).expect_err("no room for a run");
+        assert!(failure.message.contains("1678 to 2261"), "{}", failure.message);
     }
 
     #[test]

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use stepnc::twin::TwinOptions;
 use store::record::{Finished, Header, Writer};
-use store::{DataDirectory, Ending, MachineFile, NewJob, StoreError};
+use store::{DataDirectory, Ending, Job, MachineFile, NewJob, StoreError};
 use units::{Millimetres, Seconds, StepId, Timestamp};
 
 /// What is to be run.
@@ -76,6 +76,15 @@ pub fn run(order: &Order<'_>, directory: &mut DataDirectory, part: Option<&mut P
         who: order.who,
     };
     let job = directory.begin_job(&new).map_err(shop::failure)?;
+    let done = run_job(order, directory, &job, part);
+    if done.is_err() {
+        // The reason is the failure at hand; that the job cannot be ended either would only hide it.
+        let _ = directory.end_job(job.id, order.start, Ending::Failed);
+    }
+    done
+}
+
+fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Option<&mut Part>) -> Result<Run, Failure> {
     let folder = job.folder.clone();
     std::fs::create_dir_all(&folder).map_err(|e| Failure::writing(&folder, e))?;
 

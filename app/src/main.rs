@@ -28,17 +28,23 @@ fn main() -> ExitCode {
             Ok(cli) => cli,
             Err(error) => {
                 let _ = error.print();
-                return if error.use_stderr() {
-                    Exit::Usage as u8
-                } else {
-                    Exit::Good as u8
-                };
+                if !error.use_stderr() {
+                    return Exit::Good as u8;
+                }
+                if wants_json() {
+                    print_failure(Exit::Usage as u8, error.to_string().trim_end());
+                }
+                return Exit::Usage as u8;
             }
         };
         run(&cli)
     });
     ExitCode::from(ended.unwrap_or_else(|_| {
-        eprintln!("this is a fault of toolmark, not of your input: please report it with the lines above");
+        let message = "this is a fault of toolmark, not of your input: please report it with the lines above";
+        eprintln!("{message}");
+        if wants_json() {
+            print_failure(OUR_FAULT, message);
+        }
         OUR_FAULT
     }))
 }
@@ -58,13 +64,24 @@ fn run(cli: &Cli) -> u8 {
         Ok(exit) => exit as u8,
         Err(failure) => {
             if common.json {
-                let answer = serde_json::json!({ "error": { "exit": failure.exit as u8, "message": failure.message } });
-                say(&answer.to_string());
+                print_failure(failure.exit as u8, &failure.message);
             }
             eprintln!("{}", failure.message);
             failure.exit as u8
         }
     }
+}
+
+/// True when the answer is read by a program, even if the rest of the command line makes no sense.
+fn wants_json() -> bool {
+    std::env::args_os()
+        .take_while(|word| word != "--")
+        .any(|word| word == "--json")
+}
+
+/// The JSON answer of a command that did not end well.
+fn print_failure(exit: u8, message: &str) {
+    say(&serde_json::json!({ "error": { "exit": exit, "message": message } }).to_string());
 }
 
 /// A line for the person, or for the program that reads ours. A reader that went away ends us quietly, as it ends any filter.

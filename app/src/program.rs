@@ -8,8 +8,8 @@ use plan::{ByteSource, ProgramStream, Tables};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use stepnc::{StepNcStream, StreamOptions};
-use store::MachineFile;
 use store::machine_file::MachineKind;
+use store::{MachineFile, StoreError};
 
 /// A program that was opened; its steps are read again for each [`Program::stream`].
 pub struct Program {
@@ -46,6 +46,7 @@ impl Program {
             .file_name()
             .map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
         let unreadable = |error: &dyn std::fmt::Display| Failure::unreadable(format_args!("{}: {error}", path.display()));
+        let wanted = dialect.map(known_dialect).transpose()?;
         let mut source = FileSource::open(path).map_err(|e| unreadable(&e))?;
         if source.length() == 0 {
             return Err(Failure::unreadable(format_args!(
@@ -68,14 +69,8 @@ impl Program {
                 kind: Kind::StepNc(Arc::new(program)),
             });
         }
-        let (profile, because) = match (dialect, machine.and_then(|m| m.control)) {
-            (Some(wanted), _) => {
-                let known = gcode::profile::by_name(wanted).ok_or_else(|| {
-                    let names: Vec<&str> = gcode::PROFILES.iter().map(|p| p.name).collect();
-                    Failure::usage(format_args!("--dialect {wanted} is unknown; known are {}", names.join(", ")))
-                })?;
-                (known, "given by --dialect".to_owned())
-            }
+        let (profile, because) = match (wanted, machine.and_then(|m| m.control)) {
+            (Some(known), _) => (known, "given by --dialect".to_owned()),
             (None, Some(control)) => {
                 let known = gcode::profile::by_name(control.word()).ok_or_else(|| {
                     Failure::usage(format_args!(
@@ -183,7 +178,12 @@ pub fn machine_for(wanted: &str, turns: bool) -> Result<MachineFile, Failure> {
             "--machine {wanted}: this version drives simulated machines only; use sim, sim-mill, sim-lathe or a machine file"
         )));
     }
-    MachineFile::find(wanted).map_err(crate::shop::failure)
+    MachineFile::find(wanted).map_err(|error| match error {
+        StoreError::Io { source, .. } => Failure::unreadable(format_args!(
+            "--machine {wanted}: {source}; use sim, sim-mill, sim-lathe or a machine file"
+        )),
+        other => crate::shop::failure(other),
+    })
 }
 
 /// The machine, before a program is known to turn or not: only what its control is matters then.
@@ -196,6 +196,13 @@ pub fn named_machine(wanted: &str) -> Result<Option<MachineFile>, Failure> {
     } else {
         machine_for(wanted, false).map(Some)
     }
+}
+
+fn known_dialect(wanted: &str) -> Result<&'static Profile, Failure> {
+    gcode::profile::by_name(wanted).ok_or_else(|| {
+        let names: Vec<&str> = gcode::PROFILES.iter().map(|p| p.name).collect();
+        Failure::usage(format_args!("--dialect {wanted} is unknown; known are {}", names.join(", ")))
+    })
 }
 
 fn is_part21(head: &[u8]) -> bool {

@@ -38,6 +38,12 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
     }
     if bytes.starts_with(b"PAR1") {
         drop(bytes);
+        if said.frame == Some(FrameName::Setup) || said.device.is_some() {
+            return Err(Failure::usage(format_args!(
+                "{}: it is a record of one machine, in machine positions; leave --frame setup and --device out",
+                path.display()
+            )));
+        }
         return Ok((of_record(path)?, vec![]));
     }
     let options = ReadOptions {

@@ -7,7 +7,7 @@ use motion::Limits;
 use std::path::Path;
 use store::machine_file::MachineKind;
 use store::{DataDirectory, Ending, MachineFile, StoreError};
-use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Timestamp};
+use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3};
 
 /// A blend may leave the path this far where the program does not say.
 pub const DEFAULT_PATH_TOLERANCE: Millimetres = Millimetres(0.01);
@@ -22,10 +22,12 @@ pub fn failure(error: StoreError) -> Failure {
         70 => panic!("{error}"),
         _ => Exit::Machine,
     };
-    Failure {
-        exit,
-        message: format!("error: {error}"),
-    }
+    let message = match error {
+        // It is a diagnostic, which says itself how bad it is.
+        StoreError::MachineFile(found) => found.to_string(),
+        error => format!("error: {error}"),
+    };
+    Failure { exit, message }
 }
 
 /// Speed and acceleration of the axes, for the planner. An axis that the machine does not have does not limit.
@@ -61,28 +63,28 @@ pub fn parameters(machine: &MachineFile) -> MachineParameters {
 ///
 /// # Errors
 /// It cannot be opened, or another process holds it.
-pub fn data_directory(common: &Common, now: Timestamp) -> Result<DataDirectory, Failure> {
+pub fn data_directory(common: &Common) -> Result<DataDirectory, Failure> {
     let root = match &common.data {
         Some(given) => given.clone(),
         None => store::data_directory_path(None, |name| std::env::var_os(name)).map_err(failure)?,
     };
-    open_data(&root, now)
+    open_data(&root)
 }
 
 /// Opens a data directory.
 ///
 /// # Errors
 /// It cannot be opened, or another process holds it.
-pub fn open_data(root: &Path, now: Timestamp) -> Result<DataDirectory, Failure> {
+pub fn open_data(root: &Path) -> Result<DataDirectory, Failure> {
     let words: Vec<String> = std::env::args().take(2).collect();
     let holder = format!("toolmark {}", words.get(1).map_or("", String::as_str));
     let mut directory = DataDirectory::open(root, holder.trim()).map_err(failure)?;
     for interrupted in directory.interrupted_jobs().map_err(failure)? {
         eprintln!("notice: {interrupted}");
-        // It has been said; the next start has nothing new to say about it.
-        directory
-            .end_job(interrupted.job.id, now, Ending::Interrupted)
-            .map_err(failure)?;
+        let job = &interrupted.job;
+        let last = interrupted.last_event.as_ref().map_or(job.start, ledger::Event::at);
+        // Said once: from here on the job is over.
+        directory.end_job(job.id, last, Ending::Interrupted).map_err(failure)?;
     }
     Ok(directory)
 }

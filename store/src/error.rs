@@ -156,7 +156,11 @@ impl StoreError {
     pub fn exit_code(&self) -> u8 {
         use StoreError::*;
         match self {
-            Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound => 3,
+            // What is made is output: a folder that is missing there is no unreadable input.
+            Io { doing: "read", .. } => 3,
+            Io {
+                doing: "open", source, ..
+            } if source.kind() == std::io::ErrorKind::NotFound => 3,
             Io { .. } | Locked { .. } | Database { .. } | Unwritable { .. } => 4,
             Newer { .. } | NotOurs { .. } | Broken { .. } | BadEvent { .. } => 3,
             Damaged { .. } | NotARecord { .. } | MachineFile(_) | BadRegister { .. } => 3,

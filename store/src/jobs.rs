@@ -190,7 +190,11 @@ impl DataDirectory {
         })?;
         self.begun.insert(id);
         let job = self.job(id)?;
-        std::fs::create_dir_all(&job.folder).map_err(StoreError::io("create", &job.folder))?;
+        if let Err(error) = std::fs::create_dir_all(&job.folder) {
+            // It never began: the next start must not call it interrupted.
+            self.end_job(id, new.start, Ending::Failed)?;
+            return Err(StoreError::io("create", &job.folder)(error));
+        }
         Ok(job)
     }
 

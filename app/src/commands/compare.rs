@@ -29,11 +29,12 @@ pub fn compare(args: &CompareArgs, common: &Common) -> Done {
     let runs = stepnc::twin::read(file, plan.step_nc().unwrap_or(file));
     let wanted = args.run.unwrap_or(runs.len());
     let Some(found) = wanted.checked_sub(1).and_then(|k| runs.get(k)) else {
-        let what = match runs.len() {
-            0 => "it holds no run: no executable has a twin start".to_owned(),
-            n => format!("run {wanted} does not exist: it holds {n}"),
-        };
-        return Err(Failure::unreadable(format_args!("{}: {what}", holder.path.display())));
+        let name = holder.path.display();
+        return Err(match runs.len() {
+            0 => Failure::unreadable(format_args!("{name}: it holds no run: no executable has a twin start")),
+            1 => Failure::usage(format_args!("--run {wanted}: {name} holds one run")),
+            n => Failure::usage(format_args!("--run {wanted}: {name} holds runs 1 to {n}")),
+        });
     };
     let options = asrun::Options {
         tolerance,

@@ -38,7 +38,8 @@ pub fn inspect(args: &InspectArgs, common: &Common) -> Done {
             Kind::Gcode { .. } => by_name(&found["tree"], path)?,
         };
         let part = find(&found["tree"], id).cloned();
-        found["tree"] = Value::Array(part.into_iter().collect());
+        let part = part.ok_or_else(|| Failure::usage(format_args!("'{path}' is no part of the program's tree")))?;
+        found["tree"] = Value::Array(vec![part]);
     }
     let bad = found["problems"]
         .as_array()

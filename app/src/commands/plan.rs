@@ -19,6 +19,13 @@ use units::{Machine, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Point, Setup, 
 /// # Errors
 /// The program or the limits cannot be read, the program alarms, or the output cannot be written.
 pub fn plan(args: &PlanArgs, common: &Common) -> Done {
+    let ending = args.out.extension().map(|e| e.to_string_lossy().to_lowercase());
+    if !matches!(ending.as_deref(), Some("csv" | "parquet")) {
+        return Err(Failure::usage(format_args!(
+            "--out {}: a name that ends in .csv or .parquet was expected",
+            args.out.display()
+        )));
+    }
     let program = Program::open(
         &args.program,
         common.dialect.as_deref(),
@@ -109,15 +116,22 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
 
 /// Limits from a file; what it does not say is the machine's.
 fn read_limits(file: &Path, mut limits: Limits) -> Result<Limits, Failure> {
-    let unreadable = |what: String| Failure::unreadable(format_args!("{}: {what}", file.display()));
-    let text = std::fs::read_to_string(file).map_err(|e| unreadable(e.to_string()))?;
-    let value: Value = serde_json::from_str(&text).map_err(|e| unreadable(format!("{}:{}: {e}", e.line(), e.column())))?;
+    let name = file.display();
+    let text = std::fs::read_to_string(file).map_err(|e| Failure::unreadable(format_args!("{name}: {e}")))?;
+    let value: Value = serde_json::from_str(&text).map_err(|e| {
+        let words = e.to_string();
+        let what = words.split(" at line ").next().unwrap_or_default();
+        let (line, column) = (e.line().max(1), e.column().max(1));
+        Failure::unreadable(format_args!("{name}:{line}:{column}: {what}; {LIMITS_FORM}"))
+    })?;
     let Value::Object(fields) = &value else {
-        return Err(unreadable(
-            "an object with v_max_mm_s, a_max_mm_s2, j_max_mm_s3 and tolerance_mm was expected".into(),
-        ));
+        return Err(Failure::unreadable(format_args!("{name}:1:1: {LIMITS_FORM}")));
     };
-    for (name, value) in fields {
+    for (key, value) in fields {
+        let unreadable = |what: String| {
+            let (line, column) = place_of(&text, key);
+            Failure::unreadable(format_args!("{name}:{line}:{column}: {what}"))
+        };
         let axes = || -> Result<[f64; 3], Failure> {
             let positive = |v: &Value| v.as_f64().filter(|n| *n > 0.0 && n.is_finite());
             let numbers = match value {
@@ -126,11 +140,11 @@ fn read_limits(file: &Path, mut limits: Limits) -> Result<Limits, Failure> {
             };
             numbers.and_then(|n| n.try_into().ok()).ok_or_else(|| {
                 unreadable(format!(
-                    "{name}: a number above 0, or one for each of X, Y and Z, was expected, not {value}"
+                    "{key}: a number above 0, or one for each of X, Y and Z, was expected, not {value}"
                 ))
             })
         };
-        match name.as_str() {
+        match key.as_str() {
             "v_max_mm_s" => limits.v_max = axes()?.map(MmPerSec),
             "a_max_mm_s2" => limits.a_max = axes()?.map(MmPerSec2),
             "j_max_mm_s3" => limits.j_max = Some(axes()?.map(MmPerSec3)),
@@ -147,4 +161,15 @@ fn read_limits(file: &Path, mut limits: Limits) -> Result<Limits, Failure> {
         }
     }
     Ok(limits)
+}
+
+const LIMITS_FORM: &str =
+    "an object was expected, like {\"v_max_mm_s\":500,\"a_max_mm_s2\":3000,\"j_max_mm_s3\":50000,\"tolerance_mm\":0.01}";
+
+/// Line and column, from 1, at which a key of a JSON object stands.
+fn place_of(text: &str, key: &str) -> (usize, usize) {
+    let before = text.find(&format!("\"{key}\"")).map_or("", |at| &text[..at]);
+    let line = before.matches('\n').count() + 1;
+    let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
+    (line, column)
 }

@@ -52,7 +52,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
             named_machine(&common.machine)?.as_ref(),
         )?),
     };
-    let rebuilt = match &program {
+    let mut rebuilt = match &program {
         None => asrun::rebuild(None, &record, &options),
         Some(program) => {
             let plan = planned(program, common)?;
@@ -67,6 +67,9 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         placement,
         ..TwinOptions::at(written_at(common, rebuilt.executed.end)?)
     };
+    // What was cut off a recording is missing in the run: the report says so, and the exit code.
+    let damaged = found.iter().filter(|d| d.severity == Severity::Error);
+    rebuilt.report.findings.splice(0..0, damaged.map(ToString::to_string));
     let bytes = match &program {
         Some(program) => as_executed(program, &rebuilt.executed, &twin)?,
         None => stepnc::write_new(&rebuilt.executed, &twin).map_err(|e| Failure::negative(format_args!("error: {e}")))?,
@@ -92,7 +95,8 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         say(&format!("file: {}", args.out.display()));
     }
     let judged = args.tolerance.is_some() && matches!(report.verdict, Verdict::OutOfTolerance | Verdict::Incomplete);
-    Ok(if judged { Exit::Negative } else { Exit::Good })
+    let damaged = found.iter().any(|d| d.severity == Severity::Error);
+    Ok(if judged || damaged { Exit::Negative } else { Exit::Good })
 }
 
 /// The plan of a program for comparison, on the machine that the settings mean.

@@ -20,13 +20,7 @@ use units::Seconds;
 pub fn run(args: &RunArgs, common: &Common) -> Done {
     let tolerance = tolerance(args.tolerance)?;
     let thinned = args.as_mtconnect.as_deref().map(thinning).transpose()?;
-    let faults = args
-        .plant_shift
-        .as_deref()
-        .map(planted_shift)
-        .transpose()?
-        .into_iter()
-        .collect();
+    let shifted = args.plant_shift.as_deref().map(planted_shift).transpose()?;
     let start = clock::start_time(common.start.as_deref())?;
     let program = Program::open(
         &args.program,
@@ -34,7 +28,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         named_machine(&common.machine)?.as_ref(),
     )?;
     let machine = machine_for(&common.machine, program.turns())?;
-    let mut directory = shop::data_directory(common, start)?;
+    let mut directory = shop::data_directory(common)?;
     let who = shop::operator(common);
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
     let tables = directory.tables(&machine).map_err(shop::failure)?;
@@ -55,6 +49,15 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             why.join("; ")
         )));
     }
+    if let Some((number, _)) = &shifted
+        && *number > found.workingsteps
+    {
+        return Err(Failure::usage(format_args!(
+            "--plant-shift {number}: the program has {} workingsteps",
+            found.workingsteps
+        )));
+    }
+    let faults = shifted.map(planted).into_iter().collect();
     let order = Order {
         program: &program,
         machine: &machine,
@@ -100,21 +103,25 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     Ok(if good { Exit::Good } else { Exit::Negative })
 }
 
+/// The longest interval and jitter of a recording, ms: no agent is asked less often.
+const HOUR_MS: u64 = 3_600_000;
+
 /// `100` or `100,20`: interval and jitter in milliseconds.
 fn thinning(text: &str) -> Result<(u64, Seconds), Failure> {
     let (interval, jitter) = text.split_once(',').unwrap_or((text, "0"));
-    let interval = interval.trim().parse::<u64>().ok().filter(|ms| *ms > 0);
-    let jitter = jitter.trim().parse::<f64>().ok().filter(|ms| *ms >= 0.0 && ms.is_finite());
+    let interval = interval.trim().parse::<u64>().ok().filter(|ms| (1..=HOUR_MS).contains(ms));
+    let jitter = jitter.trim().parse::<f64>().ok();
+    let jitter = jitter.filter(|ms| (0.0..=HOUR_MS as f64).contains(ms));
     match (interval, jitter) {
         (Some(interval), Some(jitter)) => Ok((interval, Seconds(jitter / 1000.0))),
         _ => Err(Failure::usage(format_args!(
-            "--as-mtconnect {text}: milliseconds were expected, like 100 or 100,20"
+            "--as-mtconnect {text}: milliseconds were expected, at most an hour of them, like 100 or 100,20"
         ))),
     }
 }
 
 /// `4:0.12,0,0`: the n-th workingstep and the shift of its work offset, mm.
-fn planted_shift(text: &str) -> Result<Fault, Failure> {
+fn planted_shift(text: &str) -> Result<(u32, [f64; 3]), Failure> {
     let expected = || Failure::usage(format_args!("--plant-shift {text}: N:X,Y,Z was expected, like 4:0.12,0,0"));
     let (number, shift) = text.split_once(':').ok_or_else(expected)?;
     let number = number.trim().parse().ok().filter(|n| *n > 0).ok_or_else(expected)?;
@@ -128,8 +135,12 @@ fn planted_shift(text: &str) -> Result<Fault, Failure> {
     if shift.iter().any(|s| s.is_nan() || s.abs() > 50.0) {
         return Err(Failure::usage(format_args!("--plant-shift {text}: at most 50 mm")));
     }
-    Ok(Fault::SetupShift {
+    Ok((number, shift))
+}
+
+fn planted((number, shift): (u32, [f64; 3])) -> Fault {
+    Fault::SetupShift {
         workingstep: WorkingstepSelector::Number(number),
         shift,
-    })
+    }
 }

@@ -88,6 +88,7 @@ pub fn compare(plan: &PlannedProgram, executed: &AsExecuted, options: &Options) 
         simulated: executed.simulated,
         settings,
         findings,
+        timed: false,
         offsets: None,
     };
     judge(plan, &samples, context, &options).report

@@ -134,6 +134,7 @@ fn with_plan(plan: &PlannedProgram, record: &Recording, options: &Options) -> Re
         simulated: record.simulated,
         settings,
         findings,
+        timed: true,
         offsets: Some(&offsets),
     };
     judge(plan, &samples, context, options)
@@ -145,6 +146,8 @@ pub(crate) struct Context<'a> {
     pub(crate) simulated: bool,
     pub(crate) settings: Settings,
     pub(crate) findings: Vec<String>,
+    /// True when each sample was timed where it was taken; in a STEP-NC file only the ends of a toolpath are.
+    pub(crate) timed: bool,
     pub(crate) offsets: Option<&'a Offsets>,
 }
 
@@ -478,6 +481,7 @@ fn off_path(plan: &PlannedProgram, flat: &Flat, toolpath: usize, tip: V3) -> Opt
     Some(Off {
         distance: least,
         segment: own.segment,
+        u: own.u,
     })
 }
 
@@ -487,11 +491,14 @@ struct Off {
     distance: f64,
     /// `None` in a dwell.
     segment: Option<u32>,
+    /// Where on that move, 0 to 1.
+    u: f64,
 }
 
 struct PathFoot {
     distance: f64,
     segment: Option<u32>,
+    u: f64,
     place: V3,
     direction: V3,
     /// The nearest place is the toolpath's first or last.
@@ -506,6 +513,7 @@ fn foot(plan: &PlannedProgram, flat: &Flat, toolpath: usize, tip: V3) -> Option<
         return Some(PathFoot {
             distance: distance(place, tip),
             segment: None,
+            u: 0.0,
             place,
             direction: [0.0; 3],
             at_end: true,
@@ -521,6 +529,7 @@ fn foot(plan: &PlannedProgram, flat: &Flat, toolpath: usize, tip: V3) -> Option<
     Some(PathFoot {
         distance: off,
         segment: Some(chord.segment),
+        u,
         place: path.at(u).xyz,
         direction: curve::direction(path, u).unwrap_or_default(),
         at_end: first || last,
@@ -580,6 +589,7 @@ pub(crate) fn judge(plan: &PlannedProgram, samples: &[Sample], context: Context<
         simulated,
         settings,
         mut findings,
+        timed,
         offsets,
     } = context;
     let flat = Flat::new(plan, Space::Tip, options.acceleration.0);
@@ -673,11 +683,13 @@ pub(crate) fn judge(plan: &PlannedProgram, samples: &[Sample], context: Context<
                 d.p95.0, tolerance.0, worst.dev_mm, worst.toolpath, worst.time_s
             ));
         }
-        let feed_ratio = feed_ratio(plan, samples, &offs, pass, &settings);
-        if let Some(ratio) = feed_ratio.filter(|r| (r - 1.0).abs() > 0.05) {
+        let feed_ratio = timed
+            .then(|| feed_ratio(plan, samples, &offs, pass, &settings, options.acceleration.0))
+            .flatten();
+        if let Some(ratio) = feed_ratio.filter(|r| r.lowest > 1.05 || r.highest < 0.95) {
             late_findings.push(format!(
                 "workingstep '{name}' ran at {:.0} % of the planned feed",
-                ratio * 100.0
+                ratio.median * 100.0
             ));
         }
         let worktime = Seconds(time_of(samples, feed.iter().copied(), longest));
@@ -697,7 +709,7 @@ pub(crate) fn judge(plan: &PlannedProgram, samples: &[Sample], context: Context<
             verdict,
             worst,
             shift,
-            feed_ratio,
+            feed_ratio: feed_ratio.map(|r| r.median),
             plot: plot_of(plan, samples, &distances, pass, options.most_plot_points),
         });
         executed.push(ExecutedWorkingstep {
@@ -724,9 +736,13 @@ pub(crate) fn judge(plan: &PlannedProgram, samples: &[Sample], context: Context<
         }
     }
     let unmatched = samples.iter().filter(|s| s.label == Label::Nowhere).count() as u64;
-    if unmatched > 0 {
+    let before = samples.iter().take_while(|s| s.label == Label::Nowhere).count();
+    // Every record begins a moment before its program.
+    let a_moment = unmatched == before as u64 && unmatched * 1000 <= samples.len() as u64;
+    if plan.toolpaths.is_empty() {
+        findings.push("the program moves nothing: there is nothing to hold the record against".to_owned());
+    } else if unmatched > 0 && !a_moment {
         let share = 100.0 * unmatched as f64 / samples.len().max(1) as f64;
-        let before = samples.iter().take_while(|s| s.label == Label::Nowhere).count();
         findings.push(format!(
             "{unmatched} of {} samples ({share:.1} %) lie nowhere on the plan, {before} of them before its first toolpath",
             samples.len()
@@ -897,8 +913,24 @@ fn executed_toolpath(
     }
 }
 
-/// Real over planned feed: the median over pairs of samples on the same move, far enough apart that their noise does not matter.
-fn feed_ratio(plan: &PlannedProgram, samples: &[Sample], offs: &[Option<Off>], pass: &Pass, settings: &Settings) -> Option<f64> {
+/// Real over planned feed, and the range that the median lies in with about 95 % certainty.
+#[derive(Clone, Copy)]
+struct FeedRatio {
+    median: f64,
+    lowest: f64,
+    highest: f64,
+}
+
+/// Real over planned feed: the median over pairs of samples on the same move, far enough apart that their noise does not matter. Near the
+/// ends of a move the machine speeds up, slows down and stands; pairs there say nothing about the feed.
+fn feed_ratio(
+    plan: &PlannedProgram,
+    samples: &[Sample],
+    offs: &[Option<Off>],
+    pass: &Pass,
+    settings: &Settings,
+    acceleration: f64,
+) -> Option<FeedRatio> {
     let mut ratios = Vec::new();
     for (toolpath, indices) in &pass.runs {
         let planned = &plan.toolpaths[*toolpath];
@@ -920,30 +952,45 @@ fn feed_ratio(plan: &PlannedProgram, samples: &[Sample], offs: &[Option<Off>], p
                 continue;
             };
             let (a, b) = (&samples[first], &samples[second]);
+            let move_ = &plan.segments[segment as usize];
+            let (path, feed) = (&move_.path, move_.speed.0);
+            let ramp = feed * feed / acceleration + 3.0 * settings.noise_mm;
+            let steady = |tip: V3| distance(tip, path.start().xyz) > ramp && distance(tip, path.end().xyz) > ramp;
             let dt = b.time - a.time;
-            let segment = &plan.segments[segment as usize];
-            if let Some(way) = way_along(&segment.path, distance(a.tip, b.tip)).filter(|_| dt > 0.0) {
-                ratios.push(way / dt / segment.speed.0);
+            // Down a hole and up again is one line: only what goes ahead on it is this move for certain.
+            let slack = 3.0 * settings.noise_mm / path.length().max(1e-9);
+            let no_turn = |w: &[usize]| matches!((offs[w[0]], offs[w[1]]), (Some(p), Some(q)) if q.u >= p.u - slack);
+            let ahead = to.u > from.u && indices[k..=k + apart].windows(2).all(no_turn);
+            if dt > 0.0 && ahead && steady(a.tip) && steady(b.tip) {
+                ratios.push(way(path, from.u, to.u) / dt / feed);
             }
         }
     }
     if ratios.len() < 5 {
         return None;
     }
-    Some(quantile(&mut ratios, 0.5))
+    let median = quantile(&mut ratios, 0.5);
+    ratios.sort_unstable_by(f64::total_cmp);
+    // Of n values, about sqrt(n)/2 more or fewer than half lie below the true median; twice that is rarely exceeded.
+    let (n, spread) = (ratios.len(), (ratios.len() as f64).sqrt());
+    let rank = |r: f64| r.clamp(0.0, (n - 1) as f64) as usize;
+    Some(FeedRatio {
+        median,
+        lowest: ratios[rank((n as f64 / 2.0 - spread).floor())],
+        highest: ratios[rank((n as f64 / 2.0 + spread).ceil())],
+    })
 }
 
-/// Length of way along a path between two of its places a chord apart; `None` where the chord does not tell.
-fn way_along(path: &Path<Setup>, chord: f64) -> Option<f64> {
+/// Length of a path between two places of it: round a circle, not across.
+fn way(path: &Path<Setup>, from: f64, to: f64) -> f64 {
     match path {
-        Path::Line { .. } => Some(chord),
-        // Up to a third of a turn: beyond, the chord hardly grows with the way, and past half a turn it shrinks.
-        Path::Arc(arc) => {
-            let diameter = 2.0 * arc.radius();
-            let third = chord < 0.866 * diameter && arc.rise == 0.0;
-            third.then(|| diameter * libm::asin(chord / diameter))
+        Path::Line { .. } | Path::Arc(_) => (to - from).abs() * path.length(),
+        Path::Spline(_) => {
+            let places: Vec<V3> = (0..=16)
+                .map(|k| path.at(from + (to - from) * f64::from(k) / 16.0).xyz)
+                .collect();
+            places.windows(2).map(|w| distance(w[0], w[1])).sum()
         }
-        Path::Spline(_) => None,
     }
 }
 
@@ -1144,8 +1191,6 @@ mod tests {
             sweep: Radians(6.0),
             rise: 0.0,
         });
-        let chord = arc.at(0.0).distance(arc.at(0.25));
-        assert!((way_along(&arc, chord).expect("less than a third of a turn") - 15.0).abs() < 1e-9);
-        assert_eq!(way_along(&arc, 19.0), None, "nearly across: more than a third of a turn");
+        assert!((way(&arc, 0.0, 0.25) - 15.0).abs() < 1e-9);
     }
 }

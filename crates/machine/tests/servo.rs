@@ -76,7 +76,7 @@ impl Run {
         assert_eq!(c.accepted, c.completed + c.discarded + self.half.controller().outstanding());
     }
 
-    fn to_the_end(&mut self) -> &mut Self {
+    fn run_to_end(&mut self) -> &mut Self {
         for _ in 0..600 {
             self.cycles(100);
             if self.queue.is_empty() && self.reports.last().is_some_and(|r| r.idle) {
@@ -147,7 +147,7 @@ fn circle(axes: [usize; 2], radius: f64, speed: f64, turns: f64) -> Vec<Command>
 /// Deviation of the encoders from a circle, mm: 95 % of it and the largest.
 fn off_circle(parameters: &MachineParameters, axes: [usize; 2], radius: f64, speed: f64) -> (f64, f64) {
     let mut run = Run::new(parameters, circle(axes, radius, speed, 3.0));
-    run.to_the_end();
+    run.run_to_end();
     let mut off: Vec<f64> = run
         .reports
         .iter()
@@ -215,7 +215,7 @@ fn the_force_of_a_cut_and_the_way_back_out_of_it_are_taken_up() {
             program.extend(line(to(-30.0), to(-20.0), feed, 3));
             program.extend(line(to(-20.0), to(20.0), 400.0, 4));
             let mut run = Run::new(&parameters, program);
-            run.to_the_end();
+            run.run_to_end();
             let worst = [1, 2, 3, 4].map(|step| run.worst_error_in(step));
             println!("{name}, axis {axis}: {worst:.4?}");
             assert!(worst.iter().all(|e| *e < allowed), "{name}, axis {axis}: {worst:.4?}");
@@ -230,7 +230,7 @@ fn the_tail_of_a_rapid_is_gone_before_the_feed_begins() {
         let mut program = line([0.0; 3], to, 400.0, 1);
         program.extend(line(to, to.map(|t| t / 2.0), 5.0, 2));
         let mut run = Run::new(&parameters, program);
-        run.to_the_end();
+        run.run_to_end();
         println!(
             "{to:?}: rapid {:.4}, feed {:.4} mm",
             run.worst_error_in(1),
@@ -258,7 +258,7 @@ fn a_feed_behind_a_rapid_waits_until_the_axes_are_in_position() {
     let (parameters, program) = rapid_then_feed();
     let count = program.len() as u64;
     let mut run = Run::new(&parameters, program);
-    run.to_the_end();
+    run.run_to_end();
     let waiting: Vec<&Report> = run
         .reports
         .iter()
@@ -331,7 +331,7 @@ fn a_tool_change_begins_in_position_and_a_starved_queue_waits_too() {
         .into_iter()
         .partition(|c| matches!(c, Command::SetPoint(s) if s.step == StepId(1)));
     let mut run = Run::new(&parameters, rapid);
-    run.to_the_end();
+    run.run_to_end();
     assert!(run.waited() > 3);
     assert_eq!(run.state(), State::Waiting(Wait::Commands));
     let before = run.waited();
@@ -340,7 +340,7 @@ fn a_tool_change_begins_in_position_and_a_starved_queue_waits_too() {
         step: StepId(9),
     });
     run.queue.extend(feed);
-    run.to_the_end();
+    run.run_to_end();
     let changing = run
         .reports
         .iter()
@@ -370,7 +370,7 @@ fn a_hold_or_a_stop_while_it_waits_takes_effect_and_loses_nothing() {
         }
         assert_eq!(run.state(), State::Held);
         run.half.request(Request::CycleStart);
-        run.to_the_end();
+        run.run_to_end();
         run.nothing_is_lost();
         assert_eq!(run.reports.last().map(|r| r.sample.commanded), Some([END, 5.0, 0.0]));
     }

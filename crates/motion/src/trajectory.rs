@@ -19,8 +19,11 @@ const ROUNDING: f64 = 0.05;
 /// Shorter moves have no direction, mm: a hundredth of what a double tells apart at ten kilometres.
 const NO_LENGTH: f64 = 1e-9;
 
-/// Longest move, mm. A thousand kilometres are a slip of a number, and their squares would leave a double's range further on.
-const LONGEST: f64 = 1e9;
+/// No machine reaches a kilometre: a coordinate beyond is a slip of the pen, and would be planned for hours.
+const FARTHEST: f64 = 1e6;
+
+/// The longest single move or dwell, s: a day.
+const LONGEST: f64 = 86_400.0;
 
 /// Largest sweep of one arc, rad: its limits are looked at each 0.05 rad, all in memory.
 const LARGEST_SWEEP: f64 = 1e4;
@@ -246,13 +249,7 @@ impl<'a> Trajectory<'a> {
                     to: Point::from_xyz(target),
                 };
                 let length = path.length();
-                if !(path.is_sound() && length <= LONGEST) {
-                    return Err(self.finding(
-                        "bad-coordinate",
-                        "a machine coordinate is not a number, or a thousand kilometres away",
-                        step.origin,
-                    ));
-                }
+                self.reachable(&path, length, f64::INFINITY, step.origin)?;
                 self.aim = path.end();
                 self.add(Piece {
                     path,
@@ -297,6 +294,10 @@ impl<'a> Trajectory<'a> {
             StepKind::Dwell(time) => {
                 if !(time.0 >= 0.0 && time.is_finite()) {
                     return Err(self.finding("bad-dwell", format!("a dwell of {time} cannot be done"), step.origin));
+                }
+                if time.0 > LONGEST {
+                    let found = self.finding("long-dwell", format!("a dwell of {time} is longer than a day"), step.origin);
+                    return Err(with_remedy(found, "correct the time, and its unit"));
                 }
                 let cycles = libm::ceil(time.0 / TICK.0 - 1e-9).min(f64::from(u32::MAX)) as u32;
                 self.statistics.time += Seconds(f64::from(cycles) * TICK.0);
@@ -359,11 +360,14 @@ impl<'a> Trajectory<'a> {
         } else {
             0.0
         };
-        if !(length <= LONGEST && sweep <= LARGEST_SWEEP) {
-            let message = format!("a path of {length:.0} mm or {sweep:.0} rad is longer than any machine's");
+        if sweep > LARGEST_SWEEP {
+            let message = format!("an arc of {sweep:.0} rad is longer than any machine's");
             return Err(self.finding("bad-geometry", message, origin));
         }
         let (feed, factors) = self.feed_along(m, length, origin)?;
+        let top = feed * factors.iter().map(|f| f.1).reduce(f64::max).unwrap_or(1.0);
+        let whole = shifted(m.path.in_frame(&self.machine_from_setup), self.tool_offset);
+        self.reachable(&whole, length, top, origin)?;
         let corner = match self.path_mode {
             PathMode::ExactStop => Corner::Stop,
             PathMode::ExactPath => Corner::Within(EXACT_PATH_TOLERANCE),
@@ -413,10 +417,7 @@ impl<'a> Trajectory<'a> {
     fn feed_along(&self, m: &Move, length: f64, origin: Origin) -> Result<(f64, Factors), Box<Diagnostic>> {
         let bad_feed = |v: f64| {
             let message = format!("a feed of {v} mm/s cannot be moved at");
-            Box::new(Diagnostic {
-                remedy: "give the path a feed above 0".into(),
-                ..*self.finding("bad-feed", message, origin)
-            })
+            with_remedy(self.finding("bad-feed", message, origin), "give the path a feed above 0")
         };
         let Speed::Feed(feed) = m.speed else {
             return Ok((f64::INFINITY, vec![]));
@@ -465,10 +466,7 @@ impl<'a> Trajectory<'a> {
                         "a feed per revolution needs a turning spindle",
                         origin,
                     );
-                    return Err(Box::new(Diagnostic {
-                        remedy: "start the spindle (M3 S...) before this move".into(),
-                        ..*found
-                    }));
+                    return Err(with_remedy(found, "start the spindle (M3 S...) before this move"));
                 }
                 Ok(if constant {
                     (speeds[0].1, factors)
@@ -479,6 +477,29 @@ impl<'a> Trajectory<'a> {
                 })
             }
         }
+    }
+
+    /// A move that stays within a kilometre and takes less than a day; `top` is its highest feed, mm/s.
+    fn reachable(&self, path: &Path<Machine>, length: f64, top: f64, origin: Origin) -> Result<(), Box<Diagnostic>> {
+        let far = path.end().xyz.into_iter().map(f64::abs).fold(length, f64::max);
+        if far > FARTHEST {
+            let [x, y, z] = path.end().xyz;
+            let message = format!("a move of {length:.3e} mm to X {x:.3e} Y {y:.3e} Z {z:.3e}: no machine reaches that far");
+            let found = self.finding("out-of-reach", message, origin);
+            return Err(with_remedy(found, "correct the coordinates, and their unit"));
+        }
+        let most = |limits: [f64; 3]| limits.into_iter().map(|v| v * v).sum::<f64>().sqrt();
+        let (v_max, a_max) = (most(self.limits.v_max.map(|v| v.0)), most(self.limits.a_max.map(|a| a.0)));
+        let least = (length / v_max.min(top)).max(2.0 * (length / a_max).sqrt());
+        if least > LONGEST {
+            let message = format!("a move of {length:.3} mm would take {:.1} days", least / LONGEST);
+            let found = self.finding("endless-move", message, origin);
+            return Err(with_remedy(
+                found,
+                "correct the feed, and its unit, or the limits of the axes",
+            ));
+        }
+        Ok(())
     }
 
     fn add(&mut self, piece: Piece) {
@@ -590,6 +611,11 @@ impl<'a> Trajectory<'a> {
         }
         Box::new(found)
     }
+}
+
+fn with_remedy(mut found: Box<Diagnostic>, remedy: &str) -> Box<Diagnostic> {
+    remedy.clone_into(&mut found.remedy);
+    found
 }
 
 fn forward(profile: &mut Profile, smoothed: Smoothed) {

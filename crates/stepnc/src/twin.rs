@@ -1056,8 +1056,13 @@ impl Reader<'_> {
         let start = facts.start.unwrap_or_default();
         let end = facts.end.unwrap_or(start);
         let mut toolpaths = Vec::new();
+        let mut dated = false;
         for &id in operation.iter().flat_map(|operation| &operation.toolpaths) {
             let path = self.program.toolpath(id);
+            dated |= path
+                .twin
+                .as_ref()
+                .is_some_and(|twin| twin.start.is_some() || twin.end.is_some());
             let link = path.twin.as_ref().and_then(|twin| self.in_plan(twin.plan));
             let place = match link {
                 Some(link) => unmatched.iter().position(|planned| planned.id == link),
@@ -1068,6 +1073,9 @@ impl Reader<'_> {
                 unmatched.remove(place);
             }
             toolpaths.push(self.toolpath(&path, plan, start, end));
+        }
+        if !dated {
+            one_after_the_other(&mut toolpaths, start, end);
         }
         let (deviation, _, mut results) = self.results(step.id, end);
         let planned_time = take(&mut results, "planned time").map(Seconds);
@@ -1107,6 +1115,9 @@ impl Reader<'_> {
             });
             length += whole;
         }
+        if places.is_empty() {
+            places.extend(self.only_place(path).map(|place| (0.0, place)));
+        }
         let duration = end.since(start);
         let points = places
             .into_iter()
@@ -1136,6 +1147,18 @@ impl Reader<'_> {
             speed: MmPerSec(speed),
             deviation,
         }
+    }
+
+    /// The place of a toolpath of a single sample: its polyline has no length.
+    fn only_place(&self, path: &Toolpath) -> Option<Point<units::Setup>> {
+        let (_, curve) = path.curve?;
+        let units = self.program.units_of(path).ok()?;
+        let aim = self.program.aim();
+        if aim.keyword(curve) != "POLYLINE" {
+            return None;
+        }
+        let first = aim.instance(curve).ok()?.argument(1).references().next()?;
+        crate::curve::point(aim, first, units.millimetres).ok()
     }
 
     /// The dated process properties of an object: deviation, mean speed, and all others.
@@ -1178,6 +1201,28 @@ impl Reader<'_> {
         });
         let speed = take(&mut results, MEAN_SPEED);
         (deviation, speed, results)
+    }
+}
+
+/// Toolpaths without dates of their own share the time of their workingstep by length, in their order.
+fn one_after_the_other(toolpaths: &mut [ExecutedToolpath], start: Timestamp, end: Timestamp) {
+    let step = |pair: &[ExecutedPoint]| pair[0].position.distance(pair[1].position);
+    let length = |path: &ExecutedToolpath| path.points.windows(2).map(step).sum::<f64>();
+    let whole: f64 = toolpaths.iter().map(length).sum();
+    if !(whole > 0.0 && whole.is_finite()) {
+        return;
+    }
+    let duration = end.since(start);
+    let mut along = 0.0;
+    for path in toolpaths {
+        path.start = start + duration * (along / whole);
+        let mut last: Option<Point<units::Setup>> = None;
+        for point in &mut path.points {
+            along += last.map_or(0.0, |last| last.distance(point.position));
+            last = Some(point.position);
+            point.at = start + duration * (along / whole);
+        }
+        path.end = start + duration * (along / whole);
     }
 }
 
