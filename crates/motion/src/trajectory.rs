@@ -471,11 +471,9 @@ impl<'a> Trajectory<'a> {
     }
 }
 
-fn with_remedy(found: Box<Diagnostic>, remedy: &str) -> Box<Diagnostic> {
-    Box::new(Diagnostic {
-        remedy: remedy.into(),
-        ..*found
-    })
+fn with_remedy(mut found: Box<Diagnostic>, remedy: &str) -> Box<Diagnostic> {
+    found.remedy = remedy.into();
+    found
 }
 
 fn forward(profile: &mut Profile, smoothed: Smoothed) {
