@@ -426,33 +426,33 @@ mod tests {
     fn what_cannot_be_is_refused_with_line_and_column() {
         check_refused(
             ("v_max_mm_s = 500.0", "v_max = 500.0"),
-            "13:1: unknown field `v_max`, expected one of `travel_min_mm`",
+            "14:1: unknown field `v_max`, expected one of `travel_min_mm`",
         );
         check_refused(
             ("v_max_mm_s = 500.0", "v_max_mm_s = 0"),
-            "13:14: 0 cannot be: a finite number above 0",
+            "14:14: 0 cannot be: a finite number above 0",
         );
-        check_refused(("v_max_mm_s = 500.0", "v_max_mm_s = nan"), "13:14: NaN cannot be");
+        check_refused(("v_max_mm_s = 500.0", "v_max_mm_s = nan"), "14:14: NaN cannot be");
         check_refused(
             ("v_max_mm_s = 500.0", "v_max_mm_s = \"fast\""),
-            "13:14: invalid type: string \"fast\", expected f64",
+            "14:14: invalid type: string \"fast\", expected f64",
         );
-        check_refused(("v_max_mm_s = 500.0", ""), "9:1: missing field `v_max_mm_s`");
+        check_refused(("v_max_mm_s = 500.0", ""), "10:1: missing field `v_max_mm_s`");
         check_refused(
             ("kind = \"mill\"", "kind = \"saw\""),
             "3:8: unknown variant `saw`, expected `mill` or `lathe`",
         );
         check_refused(("kind = \"mill\"", "kind = mill"), "3:8: ");
         check_refused(
-            ("travel_max_mm = 0.0", "travel_max_mm = -1000.0"),
-            "9:1: axis X: travel_min_mm -1000 must be below",
+            ("travel_max_mm = 600.0", "travel_max_mm = -1000.0"),
+            "10:1: axis X: travel_min_mm -1000 must be below",
         );
         check_refused(
-            ("travel_max_mm = 0.0", "travel_max_mm = -10.0"),
-            "9:1: axis X: travel -1000 to -10 mm does not reach 0",
+            ("travel_max_mm = 600.0", "travel_max_mm = -10.0"),
+            "10:1: axis X: travel -1000 to -10 mm does not reach 0",
         );
-        check_refused(("[axes.y]", "[axes.w]"), "18:7: unknown field `w`");
-        check_refused(("number = 2", "number = 1"), "54:10: tool 1 is there already");
+        check_refused(("[axes.y]", "[axes.w]"), "19:7: unknown field `w`");
+        check_refused(("number = 2", "number = 1"), "55:10: tool 1 is there already");
         check_refused(("name = \"sim-mill\"", "name = \"a/b\""), "2:8: the name \"a/b\"");
         check_refused(
             ("driver = \"sim\"", "driver = \"magic\""),

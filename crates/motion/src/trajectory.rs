@@ -614,7 +614,7 @@ impl<'a> Trajectory<'a> {
 }
 
 fn with_remedy(mut found: Box<Diagnostic>, remedy: &str) -> Box<Diagnostic> {
-    remedy.clone_into(&mut found.remedy);
+    found.remedy = remedy.into();
     found
 }
 
