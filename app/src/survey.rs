@@ -126,7 +126,9 @@ pub fn checks(found: &Survey, travels: [Option<(Millimetres, Millimetres)>; 3], 
             );
         }
     }
-    for remark in &found.remarks {
+    // What stopped the program is said above; its reader may have remarked it too.
+    let alarmed = |remark: &&Diagnostic| found.alarm.as_ref().is_some_and(|a| a.diagnostic.message == remark.message);
+    for remark in found.remarks.iter().filter(|r| !alarmed(r)) {
         let state = match remark.severity {
             plan::Severity::Remark => State::Ok,
             plan::Severity::Warning => State::Warning,
