@@ -16,8 +16,11 @@ use units::{StepId, Tick, Timestamp};
 
 /// Steps without motion that may wait for their turn: more of them wait in the program.
 const PENDING: usize = 4096;
-/// A measured speed below this is noise, mm/s.
-const STANDSTILL: f64 = 2.0;
+/// An axis that stays this near to one place stands there, mm: two pulses of its encoder. A speed would not do: one pulse in a cycle is
+/// 1 mm/s, and an axis that creeps at that speed is not at rest.
+const STANDSTILL: f64 = 0.0025;
+/// A measured speed below this may be noise, mm/s.
+const SLOW: f64 = 2.0;
 
 /// Cycles for which the axes have to stand before a run is over.
 const SETTLING: u64 = 30;
@@ -105,8 +108,9 @@ pub struct OfficeHalf<'a, S> {
     lost_reports: u64,
     /// Cycles in the present waiting state.
     waited: u64,
-    /// Cycles for which the axes have stood.
+    /// Cycles for which the axes have stood, and where.
     stood: u64,
+    stands_at: [f64; 3],
     /// Commands that the machine had taken when its state changed last.
     commands_at_change: u64,
     last_sample: Sample,
@@ -142,6 +146,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             lost_reports: 0,
             waited: 0,
             stood: 0,
+            stands_at: [0.0; 3],
             commands_at_change: 0,
             last_sample: Sample::default(),
             ended: None,
@@ -202,7 +207,12 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             sink.truth(&report.sample, position);
         }
         self.last_sample = report.sample;
-        self.stood = if stands(report) { self.stood + 1 } else { 0 };
+        let place = report.sample.actual;
+        if place.iter().zip(self.stands_at).all(|(p, at)| (p - at).abs() <= STANDSTILL) {
+            self.stood += 1;
+        } else {
+            (self.stood, self.stands_at) = (0, place);
+        }
         self.tell_counts(report, sink);
         self.tell_steps(report, sink);
         self.tell_state(report, sink);
@@ -438,6 +448,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
     }
 }
 
+/// No axis is faster than the noise of its encoder: whether it really stands shows over time.
 fn stands(report: &Report) -> bool {
-    report.sample.velocity.iter().all(|v| v.abs() < STANDSTILL)
+    report.sample.velocity.iter().all(|v| v.abs() < SLOW)
 }

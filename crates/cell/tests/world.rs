@@ -197,7 +197,8 @@ fn a_hundred_seeds_of_faults_break_nothing() {
         Ok(seed) => vec![seed.parse().expect("SEED is a number")],
         Err(_) => {
             let count = std::env::var("SEEDS").ok().and_then(|n| n.parse().ok()).unwrap_or(100);
-            (1..=count).collect::<Vec<u64>>()
+            // 328: an axis that crept at 0.8 mm/s after a drive fault was taken for standing.
+            (1..=count).chain([328]).collect::<Vec<u64>>()
         }
     };
     let mut endings = std::collections::BTreeMap::<&str, u32>::new();
