@@ -31,6 +31,8 @@ pub struct CatalogueRow {
     pub hash: Hash,
     /// The hash of the file before it in the catalogue; zeros for the first.
     pub previous: Hash,
+    /// Its path as it stands in the table: relative where it lies in the data directory.
+    pub(crate) text: String,
 }
 
 impl DataDirectory {
@@ -39,6 +41,7 @@ impl DataDirectory {
     /// # Errors
     /// There is no such job, or the disk refuses. The file is whole in any case and can be put in later.
     pub fn catalogue(&mut self, job: JobId, record: &Finished, at: Timestamp) -> Result<CatalogueRow, StoreError> {
+        self.must_hold()?;
         let machine = self.job(job)?.machine;
         let path = self.path_to_text(&record.path)?;
         self.in_transaction(|transaction, chain| {
@@ -98,9 +101,10 @@ impl DataDirectory {
             u64::try_from(number).map_err(|_| rusqlite::Error::IntegralValueOutOfRange(0, number))
         };
         let (first, last): (Option<i64>, Option<i64>) = (row.get("first_us")?, row.get("last_us")?);
+        let text: String = row.get("path")?;
         Ok(CatalogueRow {
             sequence: count("sequence")?,
-            path: self.path_from_text(&row.get::<_, String>("path")?),
+            path: self.place_of(&text, &row.get::<_, String>("sha256")?),
             job: JobId(row.get("job")?),
             machine: row.get("machine")?,
             span_us: first.zip(last),
@@ -108,6 +112,7 @@ impl DataDirectory {
             bytes: count("bytes")?,
             hash: hash("sha256")?,
             previous: hash("previous_sha256")?,
+            text,
         })
     }
 }

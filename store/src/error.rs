@@ -21,8 +21,9 @@ pub enum StoreError {
     },
     /// Another process works in the data directory.
     #[error(
-        "data directory {} is in use by {holder}{}: end it, talk to it, or give another directory with --data",
-        path.display(), pid.map(|p| format!(" (process {p})")).unwrap_or_default()
+        "data directory {} is in use by {holder}{}{}: end it, talk to it, or give another directory with --data",
+        path.display(), pid.map(|p| format!(" (process {p})")).unwrap_or_default(),
+        address.as_ref().map(|a| format!(", which answers at {a}")).unwrap_or_default()
     )]
     Locked {
         /// The data directory.
@@ -31,6 +32,42 @@ pub enum StoreError {
         holder: String,
         /// Its process number, when it could be read.
         pid: Option<u32>,
+        /// Where it can be talked to, when it serves.
+        address: Option<String>,
+    },
+    /// There is nothing to read.
+    #[error(
+        "{} holds no toolmark.sqlite: it is neither a data directory nor a backup of one; run a program first, or give --data DIR",
+        .0.display()
+    )]
+    NoDirectory(PathBuf),
+    /// Something would write into a directory that is only read.
+    #[error("{} was opened to be read, nothing in it can be changed", .0.display())]
+    OnlyRead(PathBuf),
+    /// Somebody wants to work in a backup.
+    #[error("{} is a backup and stays as it is: look into it with toolmark trace, or bring it back with toolmark restore", .0.display())]
+    IsBackup(PathBuf),
+    /// A backup that did not come to its end.
+    #[error("{} is a backup that did not come to its end, so it is not whole: run toolmark backup to it once more", .0.display())]
+    HalfBackup(PathBuf),
+    /// A restore that did not come to its end.
+    #[error("a restore into {} did not come to its end, so it is not whole: empty the folder and restore again", .0.display())]
+    HalfRestore(PathBuf),
+    /// A folder that cannot take a backup or a restore.
+    #[error("{}: {what}", path.display())]
+    BadPlace {
+        /// The folder.
+        path: PathBuf,
+        /// Why, and what to do.
+        what: String,
+    },
+    /// A backup that is not what was written.
+    #[error("the backup {} is not whole, nothing was restored: {}", path.display(), problems.join("; "))]
+    NotWhole {
+        /// The backup.
+        path: PathBuf,
+        /// What is missing or changed.
+        problems: Vec<String>,
     },
     /// There is no place to look for a data directory.
     #[error("no data directory: neither --data, TOOLMARK_DATA, XDG_DATA_HOME nor HOME is set; give --data DIR")]
@@ -164,9 +201,10 @@ impl StoreError {
             Io { .. } | Locked { .. } | Database { .. } | Unwritable { .. } => 4,
             Newer { .. } | NotOurs { .. } | Broken { .. } | BadEvent { .. } => 3,
             Damaged { .. } | NotARecord { .. } | MachineFile(_) | BadRegister { .. } => 3,
-            NoPlace | NotUnicode(_) | NoSuchJob(_) | JobIsOver(_) => 2,
+            NoDirectory(_) | HalfBackup(_) | HalfRestore(_) | NotWhole { .. } => 3,
+            NoPlace | NotUnicode(_) | NoSuchJob(_) | JobIsOver(_) | IsBackup(_) | BadPlace { .. } => 2,
             Change(_) => 1,
-            OutOfOrder { .. } | TooLarge { .. } => 70,
+            OutOfOrder { .. } | TooLarge { .. } | OnlyRead(_) => 70,
         }
     }
 

@@ -54,6 +54,7 @@ impl DataDirectory {
     /// # Errors
     /// The first refusal; nothing was changed then.
     pub fn change_values(&mut self, requests: &[ChangeRequest]) -> Result<Vec<Change>, StoreError> {
+        self.must_hold()?;
         let failed = self.failed();
         let transaction = self
             .database
@@ -125,6 +126,7 @@ impl DataDirectory {
         self.running_job(job)?;
         let failed = self.failed();
         let log = Log::Job(job);
+        self.must_hold()?;
         let transaction = self
             .database
             .transaction_with_behavior(TransactionBehavior::Immediate)
@@ -184,6 +186,7 @@ impl DataDirectory {
         &mut self,
         work: impl FnOnce(&Connection, &mut Chain) -> rusqlite::Result<T>,
     ) -> Result<T, StoreError> {
+        self.must_hold()?;
         let failed = self.failed();
         let transaction = self
             .database
@@ -246,7 +249,7 @@ pub(crate) fn end_of(connection: &Connection, log: Log) -> rusqlite::Result<Resu
     }))
 }
 
-fn event_of(log: Log, row: &Row<'_>) -> Result<Event, StoreError> {
+pub(crate) fn event_of(log: Log, row: &Row<'_>) -> Result<Event, StoreError> {
     let sequence: i64 = row.get("sequence").unwrap_or_default();
     let bad = |what: String| StoreError::BadEvent { log, sequence, what };
     let read = || -> rusqlite::Result<(i64, String, String, String, String)> {

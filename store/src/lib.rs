@@ -4,23 +4,28 @@
 //! writes the same bytes every time. It keeps what `ledger` makes and invents no events of its own hand: every row that matters is
 //! told by an event of the chain, and [`DataDirectory::verify`] holds the two against each other.
 //!
-//! Read on: [`DataDirectory`] for the folder, its lock, jobs, events and process values; [`record`] for Parquet records of samples;
+//! Read on: [`DataDirectory`] for the folder, its lock, jobs, events and process values; [`verify`] for the check of everything;
+//! [`backup`] for whole copies and the way back; [`ServerNotice`] for whom to talk to; [`record`] for Parquet records of samples;
 //! [`trajectory`] for planned set-points; [`machine_file`] for `machine.toml`; [`registers`] for the paths of offsets.
 //!
 //! Not here yet: append-only segments with group commit, retention, roll-ups. A record is written to its Parquet file directly, and
 //! what a crash leaves of it is an unfinished `.tmp` file that nothing refers to.
 
+pub mod backup;
 mod catalogue;
 mod directory;
 mod error;
 mod events;
 mod jobs;
+mod kept;
 pub mod machine_file;
 pub mod record;
 pub mod registers;
 mod schema;
+mod server_notice;
 pub mod trajectory;
 mod verify;
+mod wal;
 mod whole_file;
 
 pub use catalogue::CatalogueRow;
@@ -28,6 +33,8 @@ pub use directory::{DataDirectory, data_directory_path};
 pub use error::StoreError;
 pub use events::Log;
 pub use jobs::{Ending, Interrupted, Job, JobId, JobState, NewJob};
+pub use kept::KeptFile;
 pub use machine_file::{MachineFile, MachineKind};
 pub use registers::Register;
-pub use verify::Finding;
+pub use server_notice::ServerNotice;
+pub use verify::{Finding, Verification, verify};
