@@ -75,6 +75,12 @@ pub fn run(order: &Order<'_>, directory: &mut DataDirectory, part: Option<&mut P
         folder: order.out,
         who: order.who,
     };
+    let program = order.program;
+    let mut bytes =
+        std::fs::File::open(&program.path).map_err(|e| Failure::unreadable(format_args!("{}: {e}", program.path.display())))?;
+    directory
+        .keep_program(&program.name, &mut bytes, program.hash, order.start)
+        .map_err(shop::failure)?;
     let job = directory.begin_job(&new).map_err(shop::failure)?;
     let done = run_job(order, directory, &job, part);
     if done.is_err() {
@@ -137,6 +143,10 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
     }
     let rebuild = rebuild(order, &record_read, &outcome)?;
     write_down(order, &folder, &outcome, &record, &rebuild)?;
+    let written = ["as-executed.stpnc", "report.json", "report.html"].map(|name| folder.join(name));
+    directory
+        .keep_files(job.id, &written, order.start.at(outcome.ticks))
+        .map_err(shop::failure)?;
 
     let ending = if outcome.ended == Ended::Completed {
         Ending::Done

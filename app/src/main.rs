@@ -59,6 +59,9 @@ fn run(cli: &Cli) -> u8 {
         Command::Plan(args) => commands::plan::plan(args, common),
         Command::Rebuild(args) => commands::rebuild::rebuild(args, common),
         Command::Compare(args) => commands::compare::compare(args, common),
+        Command::Trace(args) => commands::trace::trace(args, common),
+        Command::Backup(args) => commands::backup::backup(args, common),
+        Command::Restore(args) => commands::backup::restore(args, common),
     };
     match done {
         Ok(exit) => exit as u8,
@@ -81,7 +84,11 @@ fn wants_json() -> bool {
 
 /// The JSON answer of a command that did not end well.
 fn print_failure(exit: u8, message: &str) {
-    say(&serde_json::json!({ "error": { "exit": exit, "message": message } }).to_string());
+    let mut answer = serde_json::json!({ "error": { "exit": exit, "message": message } });
+    if let Some(notices) = shop::notices() {
+        answer["notices"] = notices.into();
+    }
+    say(&answer.to_string());
 }
 
 /// A line for the person, or for the program that reads ours. A reader that went away ends us quietly, as it ends any filter.

@@ -38,3 +38,4 @@ pub use machine_file::{MachineFile, MachineKind};
 pub use registers::Register;
 pub use server_notice::ServerNotice;
 pub use verify::{Finding, Verification, verify};
+pub use whole_file::WholeFile;

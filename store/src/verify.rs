@@ -274,7 +274,7 @@ impl DataDirectory {
         let paths: BTreeSet<&str> = kept.iter().map(|(path, ..)| path.as_str()).collect();
         for (path, value, event) in &kept {
             match told.values.get(path) {
-                Some((said, by)) if said.to_bits() == value.to_bits() && *by as i64 == *event => {}
+                Some((said, by)) if said == value && *by as i64 == *event => {}
                 Some((said, by)) => findings.push(finding(
                     format!("value {path} (table registers)"),
                     format!("is {value} by event {event}, but its last change is to {said} by event {by}"),

@@ -128,9 +128,9 @@ fn a_change_in_any_cell_of_any_table_is_found_and_its_table_is_named() {
                     (Value::Blob(_), _) => unreachable!("no table holds a blob"),
                 };
                 let key = strings(&format!(
-                    "SELECT group_concat(name, ' || ''/'' || ') FROM (SELECT name FROM pragma_table_info('{table}') WHERE pk > 0 ORDER BY pk)"
+                    "SELECT coalesce(group_concat(name, ' || ''/'' || '), 'name') FROM (SELECT name FROM pragma_table_info('{table}') WHERE pk > 0 ORDER BY pk)"
                 ));
-                let key = if *table == "sqlite_sequence" { "name" } else { &key[0] };
+                let key = &key[0];
                 let changed = forger
                     .execute(
                         &format!(

@@ -151,6 +151,10 @@ impl Reader {
     pub fn columns(&self) -> &[Column] {
         &self.columns
     }
+    /// All columns, as Arrow has them.
+    pub(super) fn arrow_schema(&self) -> &Schema {
+        self.arrow.schema()
+    }
     /// The number of rows.
     pub fn len(&self) -> u64 {
         self.rows

@@ -77,7 +77,7 @@ pub fn populate(root: &Path, outside: &Path) {
     directory.opened(START, "Maria", "test").expect("told");
     run_a_job(&mut directory, None, 500);
     let mut before = None;
-    for (n, to) in [0.25, -0.0229, 0.0, -0.0].into_iter().enumerate() {
+    for (n, to) in [0.25, 0.0, -0.0, -0.0229].into_iter().enumerate() {
         directory
             .change_value(&ChangeRequest {
                 path: "sim-mill/tool/5/wear/x_mm".into(),
