@@ -8,7 +8,7 @@
 //! [`Writer`] makes one, [`Reader`] opens one, ours or one that only looks like it.
 
 mod reader;
-mod schema;
+pub(crate) mod schema;
 mod writer;
 
 pub use reader::{Batch, Column, Reader, Row};
