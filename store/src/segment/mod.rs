@@ -10,12 +10,18 @@
 pub mod disk;
 pub mod frame;
 mod gap;
+mod latency;
 mod layout;
 mod reader;
+mod rows;
+pub mod trouble;
 mod writer;
 
 pub use disk::{Disk, DiskFile, RealDisk};
 pub use gap::{Cause, Gap};
 pub use layout::{Column, Holds, Layout};
 pub use reader::{Lost, Recovered, cut, read};
+pub use latency::Latencies;
+pub use rows::{Reading, ReadingRows, Rows};
+pub(crate) use writer::{time_of, unwritable};
 pub use writer::{Options, Writer};
