@@ -29,7 +29,7 @@ pub use catalogue::CatalogueRow;
 pub use directory::{DataDirectory, data_directory_path};
 pub use error::StoreError;
 pub use events::Log;
-pub use jobs::{Ending, Interrupted, Job, JobId, JobState, NewJob};
+pub use jobs::{Ending, Interrupted, Job, JobId, JobState, Left, NewJob};
 pub use machine_file::{MachineFile, MachineKind};
 pub use registers::Register;
 pub use table::Table;

@@ -44,7 +44,11 @@ pub(crate) struct Written {
 }
 
 impl TableWriter {
-    pub(crate) fn create(path: &Path, schema: &SchemaRef, mut metadata: BTreeMap<String, String>) -> Result<TableWriter, StoreError> {
+    pub(crate) fn create(
+        path: &Path,
+        schema: &SchemaRef,
+        mut metadata: BTreeMap<String, String>,
+    ) -> Result<TableWriter, StoreError> {
         let unwritable = unwritable(path);
         let file = WholeFile::create(path)?;
         let properties = schema::properties(schema, &metadata).map_err(&unwritable)?;
@@ -132,7 +136,10 @@ pub struct Table {
 
 impl Table {
     /// Opens a file. `check` looks at what it says about itself before its content is held against the hashes.
-    pub(crate) fn open_if(path: &Path, check: impl FnOnce(&BTreeMap<String, String>) -> Result<(), String>) -> Result<Table, StoreError> {
+    pub(crate) fn open_if(
+        path: &Path,
+        check: impl FnOnce(&BTreeMap<String, String>) -> Result<(), String>,
+    ) -> Result<Table, StoreError> {
         let not_ours = |what: String| StoreError::NotARecord {
             path: path.to_owned(),
             what,

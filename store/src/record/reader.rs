@@ -169,7 +169,11 @@ impl Reader {
             span_us,
             bytes: self.path.metadata().map_err(StoreError::io("read", &self.path))?.len(),
             hash: self.hash()?,
-            unavailable: self.metadata().get(key::UNAVAILABLE).and_then(|n| n.parse().ok()).unwrap_or(0),
+            unavailable: self
+                .metadata()
+                .get(key::UNAVAILABLE)
+                .and_then(|n| n.parse().ok())
+                .unwrap_or(0),
         })
     }
 

@@ -25,6 +25,13 @@ pub struct Header {
     pub seed: u64,
 }
 
+impl Header {
+    /// What a record says about itself before its first row: the metadata of its segments.
+    pub fn metadata(&self) -> BTreeMap<String, String> {
+        metadata(self)
+    }
+}
+
 /// Version of this layout, in the file's metadata.
 pub(crate) const LAYOUT: &str = "1";
 /// Rows of a row group.
@@ -46,6 +53,10 @@ pub(crate) mod key {
     pub const ROWS: &str = "toolmark.rows";
     pub const UNAVAILABLE: &str = "toolmark.unavailable_values";
     pub const EVENTS: &str = "toolmark.events";
+    /// Rows that are missing, when there are any: a JSON list of first, last, count, cause.
+    pub const GAPS: &str = "toolmark.gaps";
+    /// What of its segments could not be read, when there is any.
+    pub const LOST: &str = "toolmark.lost";
     /// Length and SHA-256 of everything before the Parquet footer.
     pub const DATA: &str = "toolmark.data";
     /// SHA-256 of all other pairs of the metadata.

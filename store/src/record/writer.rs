@@ -81,7 +81,12 @@ impl Writer {
 }
 
 /// Ends a table as a record: events and counts go into its metadata.
-pub(crate) fn finish(path: &Path, mut table: TableWriter, events: &[Event], more: &[(&str, String)]) -> Result<Finished, StoreError> {
+pub(crate) fn finish(
+    path: &Path,
+    mut table: TableWriter,
+    events: &[Event],
+    more: &[(&str, String)],
+) -> Result<Finished, StoreError> {
     table.finish()?;
     let (rows, span_us, unavailable) = (table.rows, table.span_us, table.unavailable);
     let mut late = vec![

@@ -239,11 +239,11 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_flipped_bit_or_a_cut_anywhere_is_found(payload in prop::collection::vec(any::<u8>(), 0..200), at in any::<prop::sample::Index>(), bit in 0..8) {
+        fn a_flipped_bit_or_a_cut_anywhere_is_found(payload in prop::collection::vec(any::<u8>(), 0..200), at in any::<prop::sample::Index>(), bit in 0_u8..8) {
             let good = frame(3, &payload);
             let place = at.index(good.len());
             let mut flipped = good.clone();
-            flipped[place] ^= 1 << bit;
+            flipped[place] ^= 1_u8 << bit;
             prop_assert!(get(&flipped, 3).is_err());
             prop_assert!(get(&good[..place], 3).is_err());
         }

@@ -5,6 +5,7 @@ use super::gap::Gap;
 use super::writer::{FIRST_ROW, time_of};
 use crate::StoreError;
 use arrow_array::RecordBatch;
+use arrow_buffer::Buffer;
 use arrow_ipc::reader::StreamDecoder;
 use arrow_schema::{ArrowError, SchemaRef};
 use ledger::Event;
@@ -239,8 +240,12 @@ fn decode(decoder: &mut StreamDecoder, frame: &Frame<'_>) -> Result<Option<Recor
             zstd::bulk::decompress(packed, length).map_err(|e| e.to_string())?
         }
     };
-    let mut ipc = ipc.into();
-    let batch = guarded(|| decoder.decode(&mut ipc))?;
+    let mut ipc: Buffer = ipc.into();
+    let mut batch = None;
+    while !ipc.is_empty() && batch.is_none() {
+        // The empty batch that came with the schema may come out here: the decoder gives a batch without a body with the bytes behind it.
+        batch = guarded(|| decoder.decode(&mut ipc))?.filter(|batch| batch.num_rows() > 0);
+    }
     if frame.kind == Kind::Schema {
         return Ok(None);
     }

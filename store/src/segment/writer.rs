@@ -50,6 +50,7 @@ pub struct Writer {
     /// Bytes that are.
     length: u64,
     seq: u64,
+    first_row: u64,
     rows: u64,
     acknowledged: u64,
     ended: bool,
@@ -89,6 +90,7 @@ impl Writer {
             waiting: MAGIC.to_vec(),
             length: 0,
             seq: 0,
+            first_row: options.first_row,
             rows: options.first_row,
             acknowledged: options.first_row,
             ended: false,
@@ -222,6 +224,10 @@ impl Writer {
     /// Rows so far, counted from the recording's first.
     pub fn rows(&self) -> u64 {
         self.rows
+    }
+    /// Number of its first row, counted the same way.
+    pub fn first_row(&self) -> u64 {
+        self.first_row
     }
     /// Rows that are on the medium, counted the same way.
     pub fn acknowledged(&self) -> u64 {
