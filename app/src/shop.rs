@@ -8,7 +8,7 @@ use motion::Limits;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use store::machine_file::MachineKind;
-use store::{DataDirectory, Ending, Interrupted, MachineFile, StoreError};
+use store::{DataDirectory, Ending, MachineFile, StoreError};
 use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3};
 
 /// A blend may leave the path this far where the program does not say.
@@ -89,8 +89,21 @@ pub fn open_data(root: &Path, common: &Common) -> Result<DataDirectory, Failure>
     let command = command_word();
     let mut directory = DataDirectory::open(root, format!("toolmark {command}").trim()).map_err(failure)?;
     directory.opened(at, &operator(common), &command).map_err(failure)?;
-    for interrupted in notices_of(&directory)? {
+    say_log_problem(&directory);
+    let left = directory.recover_interrupted().map_err(failure)?;
+    for (job, recovery) in left.of_jobs_over {
+        notice(&match recovery {
+            Ok(recovery) => format!("job {job} could not keep its recording when it ended; {recovery}"),
+            Err(error) => format!("job {job} left a recording, and no record could be made of it yet: {error}"),
+        });
+    }
+    for interrupted in left.interrupted {
+        notice(&interrupted.to_string());
         let job = &interrupted.job;
+        if interrupted.not_recovered.is_some() {
+            // It stays on the list, and its recording where it is, until there is room for a record of it.
+            continue;
+        }
         let last = interrupted.last_event.as_ref().map_or(job.start, ledger::Event::at);
         // Said once: from here on the job is over.
         directory.end_job(job.id, last, Ending::Interrupted).map_err(failure)?;
@@ -104,19 +117,18 @@ pub fn open_data(root: &Path, common: &Common) -> Result<DataDirectory, Failure>
 /// There is none, a process works in it, or it cannot be read.
 pub fn read_data(root: &Path) -> Result<DataDirectory, Failure> {
     let directory = DataDirectory::read(root).map_err(failure)?;
-    notices_of(&directory)?;
+    say_log_problem(&directory);
+    let interrupted = directory.interrupted_jobs().map_err(failure)?;
+    interrupted.iter().for_each(|job| notice(&job.to_string()));
     Ok(directory)
 }
 
-/// Says what a person must know who opens this directory: a damaged log of the database, and jobs that were interrupted.
-fn notices_of(directory: &DataDirectory) -> Result<Vec<Interrupted>, Failure> {
+/// From here on a data directory is open, and the JSON answer has its notices.
+fn say_log_problem(directory: &DataDirectory) {
+    notices_lock().get_or_insert_default();
     if let Some(problem) = directory.wal_problem() {
         notice(&format!("the write-ahead log of the database: {problem}"));
     }
-    notices_lock().get_or_insert_default();
-    let interrupted = directory.interrupted_jobs().map_err(failure)?;
-    interrupted.iter().for_each(|job| notice(&job.to_string()));
-    Ok(interrupted)
 }
 
 /// What was said about the data directory, for the JSON answer; `None` before one was opened.

@@ -9,10 +9,12 @@
 
 mod extract;
 mod reader;
-mod schema;
-mod writer;
+pub(crate) mod rows;
+pub(crate) mod schema;
+pub(crate) mod writer;
 
 pub use extract::extract;
 pub use reader::{Batch, Column, Reader, Row};
+pub use rows::SampleRows;
 pub use schema::Header;
 pub use writer::{Finished, Writer};
