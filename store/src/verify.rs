@@ -6,7 +6,9 @@
 
 use crate::directory::DATABASE;
 use crate::events::end_of;
-use crate::{DataDirectory, JobId, JobState, Log, StoreError, backup, catalogue, kept, schema, server_notice, whole_file};
+use crate::{
+    DataDirectory, JobId, JobState, Log, StoreError, Table, backup, catalogue, kept, schema, segment, server_notice, whole_file,
+};
 use ledger::{Chain, Event, Hash};
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Row};
@@ -428,7 +430,9 @@ impl DataDirectory {
                 continue;
             }
             let what = format!("file {}", path.display());
-            if path.extension().is_some_and(|e| e == "tmp") {
+            if short.starts_with("segments") {
+                self.verify_segment(&path, what, done)?;
+            } else if path.extension().is_some_and(|e| e == "tmp") {
                 done.remarks
                     .push(finding(what, "is unfinished and nothing refers to it; it can be removed"));
             } else if is_backup {
@@ -439,6 +443,44 @@ impl DataDirectory {
                     "the log tells nothing of it: its job was interrupted while it was written, or it was put here by hand",
                 ));
             }
+        }
+        Ok(())
+    }
+
+    /// A piece of a recording in the making. It carries its own checksums, and becomes a record of the catalogue when its job ends or
+    /// the next process works here.
+    fn verify_segment(&self, path: &Path, what: String, done: &mut Verification) -> Result<(), StoreError> {
+        let kind = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
+        let damage = match kind {
+            "segment" => match segment::read(path) {
+                Ok(found) => found
+                    .lost
+                    .filter(|lost| !lost.is_unfinished_write())
+                    .map(|lost| lost.to_string()),
+                Err(StoreError::Damaged { what, .. }) => Some(what),
+                Err(other) => return Err(other),
+            },
+            "parquet" => match Table::open(path) {
+                Ok(_) => None,
+                Err(StoreError::Damaged { what, .. } | StoreError::NotARecord { what, .. }) => Some(what),
+                Err(other) => return Err(other),
+            },
+            "lost" => {
+                done.remarks.push(finding(
+                    what,
+                    "holds bytes that could not be read after a power loss; it can be removed",
+                ));
+                return Ok(());
+            }
+            "tmp" => None,
+            _ => Some("the log tells nothing of it: it was put here by hand".to_owned()),
+        };
+        match damage {
+            Some(problem) => done.findings.push(finding(what, problem)),
+            None => done.remarks.push(finding(
+                what,
+                "belongs to a recording that was interrupted; the next command that works here makes a record of it",
+            )),
         }
         Ok(())
     }

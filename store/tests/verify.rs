@@ -217,7 +217,7 @@ fn a_flipped_bit_in_the_database_is_found_or_lies_where_nothing_is_recorded() {
         }
     }
     println!("{found_count} found, {harmless} where nothing is recorded");
-    assert!(found_count > 300, "{found_count}");
+    assert!(found_count > 200, "{found_count}");
     std::fs::write(&path, &whole).expect("as it was");
     assert_eq!(findings(folder.path()), Vec::<String>::new());
 }
