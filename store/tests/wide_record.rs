@@ -45,11 +45,11 @@ fn peak() -> Option<u64> {
 #[test]
 fn sixty_four_channels_take_a_byte_a_value_and_the_same_memory_however_long() {
     let folder = tempfile::tempdir().expect("a folder");
-    // More than one row group would not fit into a test's patience; segments, parts and pages do.
-    record(&folder.path().join("warm"), 60_000);
-    let short = record(&folder.path().join("short"), 60_000);
+    // Twice, because the allocator keeps some of the first one's holes.
+    record(&folder.path().join("warm"), 100_000);
+    let short = record(&folder.path().join("short"), 100_000);
     let before = peak();
-    let long = record(&folder.path().join("long"), 240_000);
+    let long = record(&folder.path().join("long"), 300_000);
     for merged in [&short, &long] {
         let values = merged.finished.rows * wide::CHANNELS as u64;
         let each = merged.finished.bytes as f64 / values as f64;
@@ -76,7 +76,7 @@ fn sixty_four_channels_take_a_byte_a_value_and_the_same_memory_however_long() {
         println!("skipped: this system does not tell the peak of memory in /proc/self/status");
         return;
     };
-    println!("peak {before} KiB with 60 000 rows, {after} KiB with 240 000");
+    println!("peak {before} KiB with 100 000 rows, {after} KiB with 300 000");
     // A row group of the merged file is what grows up to 262 144 rows: at most a byte a value of it waits in memory.
-    assert!(after < before + 180 * 64 + 8192, "{before} KiB grew to {after} KiB");
+    assert!(after < before + 162 * 64 + 8192, "{before} KiB grew to {after} KiB");
 }
