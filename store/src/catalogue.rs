@@ -88,7 +88,7 @@ impl DataDirectory {
         all().map_err(self.failed())
     }
 
-    fn catalogue_row_of(&self, row: &Row<'_>) -> rusqlite::Result<CatalogueRow> {
+    pub(crate) fn catalogue_row_of(&self, row: &Row<'_>) -> rusqlite::Result<CatalogueRow> {
         let hash = |column: &str| -> rusqlite::Result<Hash> {
             let odd = || rusqlite::Error::InvalidColumnType(0, column.to_owned(), rusqlite::types::Type::Text);
             Hash::parse(&row.get::<_, String>(column)?).ok_or_else(odd)

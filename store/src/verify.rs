@@ -209,7 +209,7 @@ fn finding(what: impl std::fmt::Display, problem: impl std::fmt::Display) -> Fin
     }
 }
 
-fn files_below(folder: &Path) -> Vec<PathBuf> {
+pub(crate) fn files_below(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     let mut folders = vec![folder.to_owned()];
     while let Some(folder) = folders.pop() {

@@ -7,10 +7,12 @@
 //!
 //! [`Writer`] makes one, [`Reader`] opens one, ours or one that only looks like it.
 
+mod pages;
 mod reader;
-mod schema;
+pub(crate) mod schema;
 mod writer;
 
+pub(crate) use pages::Pages;
 pub use reader::{Batch, Column, Reader, Row};
 pub use schema::Header;
 pub use writer::{Finished, Writer};

@@ -26,14 +26,14 @@ pub struct Header {
 }
 
 /// Version of this layout, in the file's metadata.
-pub(super) const LAYOUT: &str = "1";
+pub(crate) const LAYOUT: &str = "1";
 /// Rows of a row group.
 const ROW_GROUP: usize = 262_144;
 /// Rows of a page, and of a batch handed to the encoder.
-pub(super) const PAGE: usize = 8192;
+pub(crate) const PAGE: usize = 8192;
 
 /// Keys of the file's metadata.
-pub(super) mod key {
+pub(crate) mod key {
     pub const LAYOUT: &str = "toolmark.record";
     pub const VERSION: &str = "toolmark.version";
     pub const MACHINE: &str = "toolmark.machine";
@@ -59,16 +59,16 @@ pub(super) mod key {
 }
 
 /// Columns before the channels.
-pub(super) const TS: &str = "ts";
-pub(super) const TICK: &str = "tick";
-pub(super) const STEP: &str = "step";
-pub(super) const WORKINGSTEP: &str = "workingstep";
-pub(super) const TOOL: &str = "tool";
-pub(super) const PHASE: &str = "phase";
-pub(super) const QUALITY: &str = "quality";
+pub(crate) const TS: &str = "ts";
+pub(crate) const TICK: &str = "tick";
+pub(crate) const STEP: &str = "step";
+pub(crate) const WORKINGSTEP: &str = "workingstep";
+pub(crate) const TOOL: &str = "tool";
+pub(crate) const PHASE: &str = "phase";
+pub(crate) const QUALITY: &str = "quality";
 
 /// The Arrow schema of a record.
-pub(super) fn arrow_schema() -> Arc<Schema> {
+pub(crate) fn arrow_schema() -> Arc<Schema> {
     let mut fields = vec![
         Field::new(TS, DataType::Timestamp(TimeUnit::Microsecond, Some("UTC".into())), false),
         Field::new(TICK, DataType::Int64, false),
@@ -90,7 +90,7 @@ pub(super) fn arrow_schema() -> Arc<Schema> {
 }
 
 /// How the file is written; measured, see the head of the module for what it buys.
-pub(super) fn properties(header: &Header) -> Result<WriterProperties> {
+pub(crate) fn properties(header: &Header) -> Result<WriterProperties> {
     let mut builder = WriterProperties::builder()
         // Our version and not the library's: an update of the library alone must not change the bytes of a record.
         .set_created_by(format!("toolmark {}", env!("CARGO_PKG_VERSION")))
@@ -120,7 +120,7 @@ pub(super) fn properties(header: &Header) -> Result<WriterProperties> {
 }
 
 /// What the file says about itself before its first row.
-pub(super) fn metadata(header: &Header) -> BTreeMap<String, String> {
+pub(crate) fn metadata(header: &Header) -> BTreeMap<String, String> {
     let start = jiff::Timestamp::from_nanosecond(i128::from(header.start.0)).map_or_else(|_| String::new(), |t| t.to_string());
     [
         (key::LAYOUT, LAYOUT.to_owned()),
@@ -138,7 +138,7 @@ pub(super) fn metadata(header: &Header) -> BTreeMap<String, String> {
 }
 
 /// The hash of all pairs but itself. A flipped bit in a Parquet footer is otherwise read as good, or makes the decoder panic.
-pub(super) fn digest(metadata: &BTreeMap<String, String>) -> Hash {
+pub(crate) fn digest(metadata: &BTreeMap<String, String>) -> Hash {
     let mut bytes = Vec::new();
     for (key, value) in metadata.iter().filter(|(key, _)| *key != key::DIGEST) {
         for text in [key, value] {
