@@ -39,6 +39,17 @@ impl DataDirectory {
     /// # Errors
     /// There is no such job, or the disk refuses. The file is whole in any case and can be put in later.
     pub fn catalogue(&mut self, job: JobId, record: &Finished, at: Timestamp) -> Result<CatalogueRow, StoreError> {
+        self.catalogue_with(job, record, at, None)
+    }
+
+    /// The same, with another event before it in the same transaction.
+    pub(crate) fn catalogue_with(
+        &mut self,
+        job: JobId,
+        record: &Finished,
+        at: Timestamp,
+        before: Option<(&str, BTreeMap<String, Value>)>,
+    ) -> Result<CatalogueRow, StoreError> {
         let machine = self.job(job)?.machine;
         let path = self.path_to_text(&record.path)?;
         self.in_transaction(|transaction, chain| {
@@ -67,13 +78,20 @@ impl DataDirectory {
                     previous
                 ],
             )?;
+            if let Some((kind, detail)) = before {
+                insert_event(transaction, Log::Directory, &chain.append(at, kind, detail))?;
+            }
             // The event holds the whole row, so that a changed row is found by the chain.
             let row = transaction.query_row("SELECT * FROM records WHERE sequence = ?1", [sequence], detail_of)?;
             let event = chain.append(at, "record-catalogued", row);
             insert_event(transaction, Log::Directory, &event)
         })?;
         let newest = self.records()?.pop();
-        Ok(newest.expect("a row was put in above, and rows are never deleted"))
+        let newest = newest.expect("a row was put in above, and rows are never deleted");
+        // The record is kept, whatever becomes of its roll-up: one that cannot be made now (a full disk) is made when it is first asked
+        // for, and who asks then is told why it cannot.
+        let _ = self.roll_up(&newest);
+        Ok(newest)
     }
 
     /// All record files, in the order in which they were put in.

@@ -7,9 +7,6 @@
 //! Read on: [`DataDirectory`] for the folder, its lock, jobs, events and process values; [`record`] for Parquet records of samples;
 //! [`rollup`] for what they come to over an hour or a month; [`DataDirectory::range`] for the rows of a moment; [`Retention`] for what is
 //! removed by age; [`trajectory`] for planned set-points; [`machine_file`] for `machine.toml`; [`registers`] for the paths of offsets.
-//!
-//! Not here yet: append-only segments with group commit. A record is written to its Parquet file directly, and
-//! what a crash leaves of it is an unfinished `.tmp` file that nothing refers to.
 
 mod catalogue;
 mod directory;
@@ -24,7 +21,9 @@ pub mod registers;
 mod retention;
 pub mod rollup;
 mod schema;
+pub mod segment;
 mod sources;
+mod table;
 pub mod trajectory;
 mod verify;
 mod whole_file;
@@ -34,10 +33,11 @@ pub use directory::{DataDirectory, data_directory_path};
 pub use error::StoreError;
 pub use events::Log;
 pub use holds::Hold;
-pub use jobs::{Ending, Interrupted, Job, JobId, JobState, NewJob};
+pub use jobs::{Ending, Interrupted, Job, JobId, JobState, Left, NewJob};
 pub use machine_file::{MachineFile, MachineKind};
 pub use range::{Piece, Range, Rest, RolledUp, Rows};
 pub use registers::Register;
 pub use retention::{Removal, Retention};
 pub use sources::{Of, Span};
+pub use table::Table;
 pub use verify::Finding;

@@ -3,9 +3,9 @@
 //! Memory is constant: a page or so of each file that is open, and only files that overlap in time are open together. Where the rows
 //! themselves were removed by age, what their buckets came to is given instead, and says so.
 
-use crate::record::{Column, Pages, schema};
+use crate::record::{Column, schema};
 use crate::rollup::{Rollup, Summary, known_channel};
-use crate::sources::{Raw, Source};
+use crate::sources::{OpenRaw, Source};
 use crate::{DataDirectory, Of, Span, StoreError};
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Int32Type, TimestampMicrosecondType};
@@ -187,17 +187,19 @@ impl Range {
     }
 
     fn pieces_of(&self, source: Source) -> Result<Box<dyn Iterator<Item = Result<Piece, StoreError>>>, StoreError> {
-        Ok(match &source.raw {
-            Raw::File(path) => Box::new(self.rows_of(&Pages::open(path)?)?),
-            Raw::Gone => Box::new(self.buckets_of(source.rollup)),
+        Ok(match source.raw.open()? {
+            Some(file) => Box::new(self.rows_of(&file, source.rollup.rows())?),
+            None => Box::new(self.buckets_of(source.rollup)),
         })
     }
 
-    fn rows_of(&self, pages: &Pages) -> Result<impl Iterator<Item = Result<Piece, StoreError>> + use<>, StoreError> {
+    /// The first `count` rows of a file as far as they are inside of the span: a segment may have got more meanwhile.
+    fn rows_of(&self, file: &OpenRaw, count: u64) -> Result<impl Iterator<Item = Result<Piece, StoreError>> + use<>, StoreError> {
         let mut names: Vec<&str> = self.names.iter().map(String::as_str).collect();
         names.push(schema::TS);
-        let batches = pages.read(pages.rows_near(self.from_us, self.to_us), &names)?;
-        let all = pages.schema();
+        let near = file.rows_near(self.from_us, self.to_us);
+        let batches = file.read(near.start..near.end.min(count), &names)?;
+        let all = file.schema();
         let lacking = |name: &String| Field::new(name, arrow_schema::DataType::Int32, true);
         let mut fields = vec![all.field_with_name(schema::TS).expect("every record has times").clone()];
         fields.extend(self.names.iter().map(|name| match all.field_with_name(name) {
@@ -207,7 +209,7 @@ impl Range {
         let shape: SchemaRef = Arc::new(Schema::new(fields));
         // A channel that the record lacks is a channel of readings without a reading.
         let column = |name: &String| {
-            let there = pages.columns().iter().find(|c| c.name == *name).cloned();
+            let there = file.columns().iter().find(|c| c.name == *name).cloned();
             there.or_else(|| {
                 all.field_with_name(name).is_err().then(|| Column {
                     name: name.clone(),
@@ -218,7 +220,7 @@ impl Range {
             })
         };
         let columns: Arc<[Option<Column>]> = self.names.iter().map(column).collect();
-        let (from_us, to_us, path) = (self.from_us, self.to_us, pages.path().to_owned());
+        let (from_us, to_us, path) = (self.from_us, self.to_us, file.path().to_owned());
         let piece = move |batch: RecordBatch| -> Result<Option<Piece>, StoreError> {
             let arrays: Vec<ArrayRef> = (shape.fields().iter())
                 .map(|field| match batch.column_by_name(field.name()) {

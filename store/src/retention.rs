@@ -128,20 +128,26 @@ impl DataDirectory {
     /// True when the rows of a record are not there any more and need not be: removed by age, or written over by a later record of the
     /// same name.
     pub(crate) fn is_raw_gone(&self, record: &CatalogueRow) -> Result<bool, StoreError> {
-        let text = self.path_to_text(&record.path)?;
         let asked = || -> rusqlite::Result<bool> {
             let state: Option<String> = self
                 .database
                 .prepare_cached("SELECT state FROM removals WHERE record = ?1")?
                 .query_row([record.sequence as i64], |row| row.get(0))
                 .optional()?;
-            let newer: i64 = self
-                .database
-                .prepare_cached("SELECT count(*) FROM records WHERE path = ?1 AND sequence > ?2")?
-                .query_row(params![text, record.sequence as i64], |row| row.get(0))?;
-            Ok(newer > 0 || state.is_some())
+            Ok(state.is_some())
         };
-        asked().map_err(self.failed())
+        Ok(asked().map_err(self.failed())? || self.is_written_over(record)?)
+    }
+
+    /// True when a later record was given the same name.
+    fn is_written_over(&self, record: &CatalogueRow) -> Result<bool, StoreError> {
+        let text = self.path_to_text(&record.path)?;
+        let asked = || -> rusqlite::Result<i64> {
+            self.database
+                .prepare_cached("SELECT count(*) FROM records WHERE path = ?1 AND sequence > ?2")?
+                .query_row(params![text, record.sequence as i64], |row| row.get(0))
+        };
+        Ok(asked().map_err(self.failed())? > 0)
     }
 
     /// Records that are marked and not yet told as removed.
@@ -198,7 +204,12 @@ impl DataDirectory {
 
     /// Steps 2 and 3.
     fn remove_marked(&mut self, record: CatalogueRow, now: Timestamp) -> Result<Removal, StoreError> {
-        match std::fs::remove_file(&record.path) {
+        let removed = match self.is_written_over(&record)? {
+            // The name belongs to a later record now.
+            true => Ok(()),
+            false => std::fs::remove_file(&record.path),
+        };
+        match removed {
             Ok(()) => sync_folder_of(&record.path)?,
             // Killed between the two steps; the folder was synced, or is now.
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => {

@@ -1,9 +1,15 @@
-//! Where the rows of a machine or of a job lie: record files with their roll-ups, in the order of time.
+//! Where the rows of a machine or of a job lie, in the order of time: catalogued record files with their roll-ups, and the parts of
+//! recordings that are still in the making. A recording whose record is in the catalogue is read from there, so that no row comes twice
+//! while its parts are being removed.
 
 use crate::catalogue::CatalogueRow;
+use crate::record::{Column, Pages, columns_of};
 use crate::rollup::{self, Rollup};
-use crate::{DataDirectory, JobId, StoreError};
+use crate::{DataDirectory, JobId, StoreError, segment, whole_file};
+use arrow_array::RecordBatch;
+use arrow_schema::SchemaRef;
 use std::collections::BTreeSet;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use units::Timestamp;
 
@@ -40,7 +46,7 @@ impl Span {
     }
 }
 
-/// The rows of one record file.
+/// The rows of one file.
 pub(crate) struct Source {
     pub rollup: Rollup,
     pub raw: Raw,
@@ -50,8 +56,98 @@ pub(crate) struct Source {
 pub(crate) enum Raw {
     /// In a record file.
     File(PathBuf),
+    /// In a segment that is still written to, or was a moment ago.
+    Segment(PathBuf),
     /// Nowhere: retention removed them, or a later run wrote over the file.
     Gone,
+}
+
+/// A file whose rows are being read.
+pub(crate) enum OpenRaw {
+    Pages(Pages),
+    Segment(Box<segment::Recovered>, Vec<Column>),
+}
+
+/// Rows, some thousand at a time.
+pub(crate) type Batches = Box<dyn Iterator<Item = Result<RecordBatch, StoreError>>>;
+
+impl Raw {
+    /// Opens the file; `None` when there is none.
+    pub(crate) fn open(&self) -> Result<Option<OpenRaw>, StoreError> {
+        Ok(match self {
+            Raw::Gone => None,
+            Raw::File(path) => Some(OpenRaw::Pages(Pages::open(path)?)),
+            // Compacted meanwhile: the same rows at the same places.
+            Raw::Segment(path) if !path.exists() => Some(OpenRaw::Pages(Pages::open(&path.with_extension("parquet"))?)),
+            Raw::Segment(path) => {
+                let found = segment::read(path)?;
+                let columns = columns_of(&found.schema).map_err(|what| StoreError::NotARecord {
+                    path: path.clone(),
+                    what,
+                })?;
+                Some(OpenRaw::Segment(Box::new(found), columns))
+            }
+        })
+    }
+}
+
+impl OpenRaw {
+    pub(crate) fn path(&self) -> &Path {
+        match self {
+            OpenRaw::Pages(pages) => pages.path(),
+            OpenRaw::Segment(found, _) => &found.path,
+        }
+    }
+
+    /// The columns of readings.
+    pub(crate) fn columns(&self) -> &[Column] {
+        match self {
+            OpenRaw::Pages(pages) => pages.columns(),
+            OpenRaw::Segment(_, columns) => columns,
+        }
+    }
+
+    /// All columns, as Arrow has them.
+    pub(crate) fn schema(&self) -> &SchemaRef {
+        match self {
+            OpenRaw::Pages(pages) => pages.schema(),
+            OpenRaw::Segment(found, _) => &found.schema,
+        }
+    }
+
+    /// Rows among which are all with a time in `from_us..to_us`.
+    pub(crate) fn rows_near(&self, from_us: i64, to_us: i64) -> Range<u64> {
+        match self {
+            OpenRaw::Pages(pages) => pages.rows_near(from_us, to_us),
+            OpenRaw::Segment(found, _) => 0..found.rows,
+        }
+    }
+
+    /// Rows by place, with the columns that are named, or more.
+    pub(crate) fn read(&self, rows: Range<u64>, names: &[&str]) -> Result<Batches, StoreError> {
+        match self {
+            OpenRaw::Pages(pages) => Ok(Box::new(pages.read(rows, names)?)),
+            OpenRaw::Segment(found, _) => {
+                let (mut batches, mut at) = (found.batches()?, 0);
+                Ok(Box::new(std::iter::from_fn(move || {
+                    while at < rows.end {
+                        let batch = match batches.next()? {
+                            Ok(batch) => batch,
+                            Err(error) => return Some(Err(error)),
+                        };
+                        let end = at + batch.num_rows() as u64;
+                        let (from, to) = (rows.start.clamp(at, end), rows.end.clamp(at, end));
+                        let part = batch.slice((from - at) as usize, (to - from) as usize);
+                        at = end;
+                        if part.num_rows() > 0 {
+                            return Some(Ok(part));
+                        }
+                    }
+                    None
+                })))
+            }
+        }
+    }
 }
 
 impl Source {
@@ -101,7 +197,61 @@ impl DataDirectory {
                 sources.push(Source { rollup, raw });
             }
         }
+        for job in self.jobs_in_the_making(of)? {
+            sources.extend(self.parts_of(job)?.into_iter().filter(|part| {
+                let (first, last) = part.span_us();
+                last >= from_us && first < to_us
+            }));
+        }
+        sources.sort_by_key(|source| source.span_us().0);
         Ok(sources)
+    }
+
+    /// Jobs with a recording that is no catalogued record yet.
+    fn jobs_in_the_making(&self, of: Of<'_>) -> Result<Vec<JobId>, StoreError> {
+        let mut jobs = match of {
+            Of::Job(job) => vec![self.job(job)?],
+            Of::Machine(machine) => self.jobs()?.into_iter().filter(|job| job.machine == machine).collect(),
+        };
+        jobs.retain(|job| self.recording_folder(job.id).is_dir());
+        let mut open = Vec::new();
+        for job in jobs {
+            if self.records_with_rows(Of::Job(job.id), i64::MIN, i64::MAX)?.is_empty() {
+                open.push(job.id);
+            }
+        }
+        Ok(open)
+    }
+
+    /// The parts of a recording in the making. A table of observations has none: its rows are no samples.
+    fn parts_of(&self, job: JobId) -> Result<Vec<Source>, StoreError> {
+        let mut parts = Vec::new();
+        for path in segment::paths(&self.recording_folder(job))? {
+            let made = if path.extension().is_some_and(|e| e == "parquet") {
+                let at = path.with_extension("rollup");
+                let rollup = match Rollup::open(&at) {
+                    Err(error) if is_mendable(&error) => {
+                        rollup::build(&path, whole_file::hash_of_file(&path)?, &at).and_then(|_| Rollup::open(&at))
+                    }
+                    opened => opened,
+                };
+                rollup.map(|rollup| Source {
+                    rollup,
+                    raw: Raw::File(path),
+                })
+            } else {
+                rollup::of_segment(&path).map(|rollup| Source {
+                    rollup,
+                    raw: Raw::Segment(path),
+                })
+            };
+            match made {
+                Ok(part) if part.rollup.rows() > 0 => parts.push(part),
+                Ok(_) | Err(StoreError::NotARecord { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(parts)
     }
 
     /// Where the roll-up of a record stands: by the hash of the record, so that it belongs to that content whatever becomes of the name.

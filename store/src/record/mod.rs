@@ -9,10 +9,13 @@
 
 mod pages;
 mod reader;
+pub(crate) mod rows;
 pub(crate) mod schema;
-mod writer;
+pub(crate) mod writer;
 
 pub(crate) use pages::Pages;
+pub(crate) use reader::columns_of;
 pub use reader::{Batch, Column, Reader, Row};
+pub use rows::SampleRows;
 pub use schema::Header;
-pub use writer::{Finished, Writer};
+pub use writer::{ColumnsWriter, Finished, Writer};

@@ -3,9 +3,10 @@
 //! What is read here is not held against the hash of the whole file, which would cost reading the whole file: the decoder finds what
 //! makes no sense, a roll-up finds readings that differ from what was summed up, `verify` finds everything.
 
-use super::reader::{Column, columns_of, guarded};
+use super::reader::{Column, columns_of};
 use super::schema::{self, key};
 use crate::StoreError;
+use crate::table::guarded;
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
 use parquet::arrow::ProjectionMask;

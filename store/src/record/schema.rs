@@ -25,6 +25,13 @@ pub struct Header {
     pub seed: u64,
 }
 
+impl Header {
+    /// What a record says about itself before its first row: the metadata of its segments.
+    pub fn metadata(&self) -> BTreeMap<String, String> {
+        metadata(self)
+    }
+}
+
 /// Version of this layout, in the file's metadata.
 pub(crate) const LAYOUT: &str = "1";
 /// Rows of a row group.
@@ -46,6 +53,10 @@ pub(crate) mod key {
     pub const ROWS: &str = "toolmark.rows";
     pub const UNAVAILABLE: &str = "toolmark.unavailable_values";
     pub const EVENTS: &str = "toolmark.events";
+    /// Rows that are missing, when there are any: a JSON list of first, last, count, cause.
+    pub const GAPS: &str = "toolmark.gaps";
+    /// What of its segments could not be read, when there is any.
+    pub const LOST: &str = "toolmark.lost";
     /// Length and SHA-256 of everything before the Parquet footer.
     pub const DATA: &str = "toolmark.data";
     /// SHA-256 of all other pairs of the metadata.
@@ -90,7 +101,7 @@ pub(crate) fn arrow_schema() -> Arc<Schema> {
 }
 
 /// How the file is written; measured, see the head of the module for what it buys.
-pub(crate) fn properties(header: &Header) -> Result<WriterProperties> {
+pub(crate) fn properties(columns: &Schema, metadata: &BTreeMap<String, String>) -> Result<WriterProperties> {
     let mut builder = WriterProperties::builder()
         // Our version and not the library's: an update of the library alone must not change the bytes of a record.
         .set_created_by(format!("toolmark {}", env!("CARGO_PKG_VERSION")))
@@ -101,20 +112,39 @@ pub(crate) fn properties(header: &Header) -> Result<WriterProperties> {
         .set_max_row_group_row_count(Some(ROW_GROUP))
         .set_data_page_row_count_limit(PAGE)
         .set_write_batch_size(PAGE)
-        .set_sorting_columns(Some(vec![SortingColumn {
-            column_idx: 0,
-            descending: false,
-            nulls_first: false,
-        }]))
         .set_key_value_metadata(Some(
-            metadata(header)
-                .into_iter()
-                .map(|(key, value)| KeyValue::new(key, value))
+            metadata
+                .iter()
+                .map(|(key, value)| KeyValue::new(key.clone(), value.clone()))
                 .collect(),
         ));
-    // Few different values in long runs.
-    for name in [WORKINGSTEP, TOOL, PHASE, QUALITY] {
-        builder = builder.set_column_dictionary_enabled(ColumnPath::from(name), true);
+    if let Ok(place) = columns.index_of(TS) {
+        builder = builder.set_sorting_columns(Some(vec![SortingColumn {
+            column_idx: i32::try_from(place).unwrap_or_default(),
+            descending: false,
+            nulls_first: false,
+        }]));
+    }
+    for field in columns.fields() {
+        let path = ColumnPath::from(field.name().as_str());
+        builder = match field.data_type() {
+            // Few different values in long runs.
+            DataType::UInt8 | DataType::Dictionary(..) => builder.set_column_dictionary_enabled(path, true),
+            DataType::Int32 if [WORKINGSTEP, TOOL].contains(&field.name().as_str()) => {
+                builder.set_column_dictionary_enabled(path, true)
+            }
+            DataType::Utf8 => builder
+                .set_column_dictionary_enabled(path.clone(), true)
+                .set_column_encoding(path, Encoding::DELTA_BYTE_ARRAY),
+            // Numbers without a scale: sent as they came, mostly decimal fractions, which byte streams make longer (measured).
+            DataType::Float64 | DataType::Boolean => builder.set_column_encoding(path, Encoding::PLAIN),
+            _ => builder,
+        };
+        if matches!(field.data_type(), DataType::Dictionary(..)) {
+            // Where the dictionary grows too large for one.
+            let path = ColumnPath::from(field.name().as_str());
+            builder = builder.set_column_encoding(path, Encoding::DELTA_BYTE_ARRAY);
+        }
     }
     Ok(builder.build())
 }

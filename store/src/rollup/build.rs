@@ -1,10 +1,10 @@
 //! Makes a roll-up: rows in, buckets out, in one pass and constant memory.
 
 use super::file::{BLOCK, BlockText, ChannelText, Directory, Readings, Stretch, Summary, Times, end, frame, head};
-use super::{BUCKET, FAN};
-use crate::StoreError;
-use crate::record::{Column, Reader, schema};
+use super::{BUCKET, FAN, Rollup};
+use crate::record::{Column, Reader, columns_of, schema};
 use crate::whole_file::WholeFile;
+use crate::{StoreError, segment};
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Int32Type, TimestampMicrosecondType};
 use arrow_array::{Array, Int32Array, RecordBatch};
@@ -56,6 +56,21 @@ pub fn build(record: &Path, record_hash: Hash, to: &Path) -> Result<Built, Store
         hash,
         rows,
     })
+}
+
+/// The roll-up of a segment, in memory: what is still written to has no file of its own yet.
+pub(crate) fn of_segment(segment: &Path) -> Result<Rollup, StoreError> {
+    let found = segment::read(segment)?;
+    let columns = columns_of(&found.schema).map_err(|what| StoreError::NotARecord {
+        path: segment.to_owned(),
+        what,
+    })?;
+    let in_memory = "memory takes what it is given";
+    let mut builder = Builder::new(Vec::new(), About::default(), &columns).expect(in_memory);
+    for batch in found.batches()? {
+        builder.push(&batch?).expect(in_memory);
+    }
+    Rollup::in_memory(segment, builder.finish().expect(in_memory))
 }
 
 /// Whose rows they are.

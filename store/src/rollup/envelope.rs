@@ -7,8 +7,8 @@
 use super::build::summary_of;
 use super::file::Summary;
 use super::walk::{Bucket, Next, walk};
-use crate::record::{Column, Pages, schema};
-use crate::sources::{Raw, Source};
+use crate::record::{Column, schema};
+use crate::sources::{OpenRaw, Raw, Source};
 use crate::{DataDirectory, Of, Span, StoreError};
 use arrow_array::Int32Array;
 use arrow_array::cast::AsArray;
@@ -112,8 +112,8 @@ fn draw(plot: &mut Plot, source: &Source, channel: &str) -> Result<(), StoreErro
     // A record that lacks the channel has rows without readings: any other channel tells of its rows.
     let there = source.rollup.channel(channel);
     let mut rows = match &source.raw {
-        Raw::File(path) => Some(RawRows::new(path, there.map(|_| channel))),
         Raw::Gone => None,
+        raw => Some(RawRows::new(raw, there.map(|_| channel))),
     };
     if there.is_none() && source.rollup.columns().is_empty() {
         return Err(source.rollup.damaged("it has no channel at all"));
@@ -155,9 +155,9 @@ fn draw(plot: &mut Plot, source: &Source, channel: &str) -> Result<(), StoreErro
 
 /// Buckets whose rows are to be read, neighbours together.
 struct RawRows<'a> {
-    path: &'a std::path::Path,
+    raw: &'a Raw,
     channel: Option<&'a str>,
-    pages: Option<Pages>,
+    open: Option<OpenRaw>,
     wanted: Vec<Bucket>,
 }
 
@@ -165,11 +165,11 @@ struct RawRows<'a> {
 const AT_ONCE: usize = 4096;
 
 impl<'a> RawRows<'a> {
-    fn new(path: &'a std::path::Path, channel: Option<&'a str>) -> Self {
+    fn new(raw: &'a Raw, channel: Option<&'a str>) -> Self {
         RawRows {
-            path,
+            raw,
             channel,
-            pages: None,
+            open: None,
             wanted: Vec::new(),
         }
     }
@@ -188,9 +188,11 @@ impl<'a> RawRows<'a> {
         let (Some(first), Some(last)) = (wanted.first(), wanted.last()) else {
             return Ok(());
         };
-        let pages = match &mut self.pages {
-            Some(pages) => pages,
-            none => none.insert(Pages::open(self.path)?),
+        if self.open.is_none() {
+            self.open = self.raw.open()?;
+        }
+        let Some(file) = &self.open else {
+            return Ok(());
         };
         // Times are only read where they do not follow from the bucket's own.
         let read_times = wanted.iter().any(|b| !b.even);
@@ -199,13 +201,13 @@ impl<'a> RawRows<'a> {
             names.push(schema::TS);
         }
         let damaged = |what: &str| StoreError::Damaged {
-            path: self.path.to_owned(),
+            path: file.path().to_owned(),
             what: what.to_owned(),
         };
         let mut buckets = wanted.iter();
         let mut open: Option<(Bucket, u64)> = None;
         let mut whole = Summary::default();
-        for batch in pages.read(first.row..last.row + last.rows, &names)? {
+        for batch in file.read(first.row..last.row + last.rows, &names)? {
             let batch = batch?;
             let times = batch
                 .column_by_name(schema::TS)

@@ -17,6 +17,7 @@ mod numbers;
 mod statistics;
 mod walk;
 
+pub(crate) use build::of_segment;
 pub use build::{Built, build};
 pub(crate) use envelope::known_channel;
 pub use envelope::{Envelope, Pixel};
