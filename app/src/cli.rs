@@ -82,6 +82,19 @@ pub enum Command {
     Rebuild(RebuildArgs),
     /// Hold an as-executed STEP-NC file against its plan; one file may hold both.
     Compare(CompareArgs),
+    /// Keep a job's records whatever their age, or release them again; who and why is recorded.
+    #[command(override_usage = "toolmark hold <JOB> --reason <TEXT>\n       toolmark hold <JOB> --release --reason <TEXT>")]
+    Hold(HoldArgs),
+}
+
+/// `toolmark hold`
+#[derive(Debug, Args)]
+pub struct HoldArgs {
+    /// The number of the job.
+    pub job: i64,
+    /// Release it.
+    #[arg(long)]
+    pub release: bool,
 }
 
 /// `toolmark demo`

@@ -7,7 +7,7 @@ use motion::Limits;
 use std::path::Path;
 use store::machine_file::MachineKind;
 use store::{DataDirectory, Ending, MachineFile, StoreError};
-use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3};
+use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Timestamp};
 
 /// A blend may leave the path this far where the program does not say.
 pub const DEFAULT_PATH_TOLERANCE: Millimetres = Millimetres(0.01);
@@ -98,6 +98,18 @@ pub fn open_data(root: &Path) -> Result<DataDirectory, Failure> {
         directory.end_job(job.id, last, Ending::Interrupted).map_err(failure)?;
     }
     Ok(directory)
+}
+
+/// Before something is recorded: removes rows that are older than the machine file allows, and says so.
+///
+/// # Errors
+/// The disk refuses.
+pub fn retain(directory: &mut DataDirectory, machine: &MachineFile, now: Timestamp) -> Result<(), Failure> {
+    for removal in directory.retain(&machine.retention, now).map_err(failure)? {
+        let (path, why) = (removal.record.path.display(), &removal.why);
+        eprintln!("notice: {path} was removed, {why}; what its rows came to is kept");
+    }
+    Ok(())
 }
 
 /// Who stands behind a change: `--operator`, else the user that the system signed in.

@@ -19,6 +19,7 @@ mod range;
 pub mod record;
 pub mod registers;
 mod retention;
+mod retention_verified;
 pub mod rollup;
 mod schema;
 pub mod segment;

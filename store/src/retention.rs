@@ -249,3 +249,115 @@ fn bytes_below(folder: &Path) -> u64 {
     let length = |path: &std::path::PathBuf| path.metadata().map_or(0, |m| m.len());
     crate::verify::files_below(folder).iter().map(length).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::record::{Header, Writer};
+    use crate::{Ending, NewJob};
+    use machine::Sample;
+    use units::Tick;
+
+    const NOW: Timestamp = Timestamp(1_795_132_800_000_000_000);
+
+    /// A job of long ago with a record of 1000 rows.
+    fn with_an_old_record(folder: &Path) -> (DataDirectory, CatalogueRow) {
+        let mut directory = DataDirectory::open(folder, "test").expect("free");
+        let new = NewJob {
+            program: "plate.stpnc",
+            program_hash: ledger::Hash::of(b"plate"),
+            machine: "sim-mill",
+            seed: 7,
+            start: Timestamp(0),
+            folder: None,
+            who: "Maria",
+        };
+        let job = directory.begin_job(&new).expect("begins").id;
+        let header = Header {
+            machine: "sim-mill".into(),
+            simulated: true,
+            start: Timestamp(0),
+            seed: 7,
+        };
+        let path = directory.record_path("sim-mill", Timestamp(0), job);
+        let mut writer = Writer::create(&path, &header).expect("made");
+        for tick in 0..1000 {
+            let sample = Sample {
+                tick: Tick(tick),
+                ..Sample::default()
+            };
+            writer.write(&sample).expect("written");
+        }
+        let finished = writer.finish(&[]).expect("finished");
+        let row = directory.catalogue(job, &finished, Timestamp(0)).expect("catalogued");
+        directory.end_job(job, Timestamp(0), Ending::Done).expect("ends");
+        (directory, row)
+    }
+
+    fn reopened(directory: DataDirectory, folder: &Path) -> DataDirectory {
+        drop(directory);
+        DataDirectory::open(folder, "test").expect("free")
+    }
+
+    #[test]
+    fn a_removal_that_was_cut_short_is_whole_at_every_step_and_is_taken_up_again() {
+        for file_went in [false, true] {
+            let folder = tempfile::tempdir().expect("a folder");
+            let (mut directory, row) = with_an_old_record(folder.path());
+            directory.mark(&row, "it is old", NOW).expect("marked");
+            if file_went {
+                std::fs::remove_file(&row.path).expect("removed");
+            }
+            let mut directory = reopened(directory, folder.path());
+            assert_eq!(directory.verify().expect("verifies"), []);
+            assert_eq!(directory.removals().expect("reads"), []);
+            let removed = directory.retain(&Retention::default(), NOW).expect("goes on");
+            assert_eq!(removed.iter().map(|r| r.why.as_str()).collect::<Vec<_>>(), ["it is old"]);
+            assert!(!row.path.exists());
+            let mut directory = reopened(directory, folder.path());
+            assert_eq!(directory.verify().expect("verifies"), []);
+            assert_eq!(directory.retain(&Retention::default(), NOW).expect("done"), []);
+        }
+    }
+
+    #[test]
+    fn a_hold_withdraws_a_removal_that_has_not_taken_the_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (mut directory, row) = with_an_old_record(folder.path());
+        directory.mark(&row, "it is old", NOW).expect("marked");
+        let mut directory = reopened(directory, folder.path());
+        directory.hold_job(row.job, "Maria", "the part came back", NOW).expect("held");
+        assert_eq!(directory.retain(&Retention::default(), NOW).expect("nothing"), []);
+        assert!(row.path.exists());
+        assert_eq!(directory.verify().expect("verifies"), []);
+    }
+
+    #[test]
+    fn holds_and_removals_cannot_be_changed_by_hand() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (mut directory, row) = with_an_old_record(folder.path());
+        directory.hold_job(row.job, "Maria", "the part came back", NOW).expect("held");
+        for (sql, because) in [
+            ("DELETE FROM holds", "released with its event only"),
+            ("UPDATE holds SET why = 'x'", "cannot be changed"),
+            ("INSERT INTO removals VALUES (1, 'removed', 0, 'x', NULL, 1)", "a record"),
+        ] {
+            let refused = directory.database.execute_batch(sql).expect_err(sql);
+            assert!(refused.to_string().contains(because), "{sql}: {refused}");
+        }
+        assert_eq!(directory.verify().expect("verifies"), []);
+    }
+
+    #[test]
+    fn a_hold_that_was_taken_away_behind_our_back_is_found() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (mut directory, row) = with_an_old_record(folder.path());
+        directory.hold_job(row.job, "Maria", "the part came back", NOW).expect("held");
+        directory
+            .database
+            .execute_batch("DROP TRIGGER holds_end_with_an_event; DELETE FROM holds")
+            .expect("as a forger would");
+        let findings = directory.verify().expect("verifies");
+        assert_eq!(findings[0].to_string(), "hold of job 1: is gone, and nobody released it");
+    }
+}

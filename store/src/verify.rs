@@ -1,7 +1,7 @@
 //! Holds everything in a data directory against everything else: chains, values, catalogue, files.
 
 use crate::events::end_of;
-use crate::rollup::Rollup;
+use crate::retention_verified::ToldOfRetention;
 use crate::{DataDirectory, JobId, Log, StoreError, catalogue, whole_file};
 use ledger::{Chain, Event};
 use serde_json::Value;
@@ -32,16 +32,7 @@ struct Told {
     values: BTreeMap<String, (f64, u64)>,
     records: Vec<BTreeMap<String, Value>>,
     ended: BTreeMap<i64, (u64, String)>,
-    /// Jobs on hold, with the event that put them there.
-    held: BTreeMap<i64, u64>,
-    /// Records that retention removes or has removed, by their place in the catalogue.
-    removals: BTreeMap<i64, ToldRemoval>,
-}
-
-struct ToldRemoval {
-    event: u64,
-    state: &'static str,
-    rollup: Option<String>,
+    retention: ToldOfRetention,
 }
 
 impl DataDirectory {
@@ -62,8 +53,7 @@ impl DataDirectory {
         self.verify_values(&told, &mut findings)?;
         self.verify_job_ends(&told, &mut findings)?;
         self.verify_records(&told, &mut findings)?;
-        self.verify_holds_and_removals(&told, &mut findings)?;
-        self.verify_rollups(&told, &mut findings)?;
+        self.verify_retention(&told.retention, &mut findings)?;
         Ok(findings)
     }
 
@@ -165,7 +155,7 @@ impl DataDirectory {
         for (text, (sequence, said)) in &newest {
             let path = self.path_from_text(text);
             let what = format!("record {}", path.display());
-            if told.removals.contains_key(sequence) && !path.exists() {
+            if told.retention.is_removed(*sequence) && !path.exists() {
                 continue;
             }
             match whole_file::hash_of_file(&path) {
@@ -186,61 +176,6 @@ impl DataDirectory {
         Ok(())
     }
 
-    /// Holds and removals are what the log tells of them.
-    fn verify_holds_and_removals(&self, told: &Told, findings: &mut Vec<Finding>) -> Result<(), StoreError> {
-        let holds = || -> rusqlite::Result<BTreeMap<i64, u64>> {
-            let mut statement = self.database.prepare("SELECT job, event FROM holds")?;
-            statement
-                .query_map([], |row| Ok((row.get(0)?, row.get::<_, i64>(1)?.unsigned_abs())))?
-                .collect()
-        };
-        let holds = holds().map_err(self.failed())?;
-        for job in holds.keys().chain(told.held.keys()).collect::<BTreeSet<_>>() {
-            match (holds.get(job), told.held.get(job)) {
-                (Some(kept), Some(said)) if kept == said => {}
-                (Some(_), _) => findings.push(finding(format!("hold of job {job}"), "is not what the log tells")),
-                (None, _) => findings.push(finding(format!("hold of job {job}"), "is gone, and nobody released it")),
-            }
-        }
-        let removals = || -> rusqlite::Result<BTreeMap<i64, (String, u64)>> {
-            let mut statement = self.database.prepare("SELECT record, state, event FROM removals")?;
-            statement
-                .query_map([], |row| {
-                    Ok((row.get(0)?, (row.get(1)?, row.get::<_, i64>(2)?.unsigned_abs())))
-                })?
-                .collect()
-        };
-        let removals = removals().map_err(self.failed())?;
-        for record in removals.keys().chain(told.removals.keys()).collect::<BTreeSet<_>>() {
-            match (removals.get(record), told.removals.get(record)) {
-                (Some((state, event)), Some(said)) if *state == said.state && *event == said.event => {}
-                _ => findings.push(finding(format!("removal of record {record}"), "is not what the log tells")),
-            }
-        }
-        Ok(())
-    }
-
-    fn verify_rollups(&self, told: &Told, findings: &mut Vec<Finding>) -> Result<(), StoreError> {
-        for row in self.records()? {
-            let path = self.rollup_path(&row);
-            let what = format!("roll-up {}", path.display());
-            let removal = told.removals.get(&(row.sequence as i64));
-            if let Some(said) = removal.and_then(|r| r.rollup.as_ref()) {
-                // The rows are gone: what is left of them is held against the log.
-                match whole_file::hash_of_file(&path) {
-                    Ok(hash) if hash.to_string() == *said => {}
-                    Ok(_) => findings.push(finding(what, "is not what was kept when its record was removed")),
-                    Err(e) => findings.push(finding(what, e)),
-                }
-            } else if path.exists()
-                && let Err(error) = Rollup::open(&path).and_then(|rollup| rollup.check())
-            {
-                findings.push(finding(what, error));
-            }
-        }
-        Ok(())
-    }
-
     fn jobs_with_events(&self) -> Result<Vec<JobId>, StoreError> {
         let all = || -> rusqlite::Result<Vec<JobId>> {
             let mut statement = self
@@ -256,6 +191,7 @@ impl Told {
     fn hear(&mut self, event: &Event) {
         let detail = &event.detail;
         let text = |name: &str| detail.get(name).and_then(Value::as_str);
+        self.retention.hear(event);
         match event.kind.as_str() {
             "change" => {
                 if let (Some(path), Some(after)) = (text("path"), detail.get("after").and_then(Value::as_f64)) {
@@ -269,34 +205,12 @@ impl Told {
                     self.ended.insert(job, (count.unsigned_abs(), hash.to_owned()));
                 }
             }
-            "job-held" | "job-released" => {
-                let Some(job) = detail.get("job").and_then(Value::as_i64) else {
-                    return;
-                };
-                match event.kind.as_str() {
-                    "job-held" => drop(self.held.insert(job, event.sequence)),
-                    _ => drop(self.held.remove(&job)),
-                }
-            }
-            "record-removal-begun" | "record-removed" | "record-removal-withdrawn" => {
-                let Some(record) = detail.get("record").and_then(Value::as_i64) else {
-                    return;
-                };
-                let before = self.removals.remove(&record);
-                let (state, rollup) = match event.kind.as_str() {
-                    "record-removal-begun" => ("marked", text("rollup_sha256").map(str::to_owned)),
-                    "record-removed" => ("removed", before.and_then(|r| r.rollup)),
-                    _ => return,
-                };
-                let event = event.sequence;
-                self.removals.insert(record, ToldRemoval { event, state, rollup });
-            }
             _ => {}
         }
     }
 }
 
-fn finding(what: impl std::fmt::Display, problem: impl std::fmt::Display) -> Finding {
+pub(crate) fn finding(what: impl std::fmt::Display, problem: impl std::fmt::Display) -> Finding {
     Finding {
         what: what.to_string(),
         problem: problem.to_string(),

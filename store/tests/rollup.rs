@@ -253,7 +253,7 @@ fn check_statistics(directory: &DataDirectory, job: JobId) {
 }
 
 #[test]
-fn a_curve_over_millions_of_rows_is_exact_where_its_edges_moved() {
+fn a_curve_of_wide_pixels_is_exact_where_its_edges_moved() {
     let folder = tempfile::tempdir().expect("a folder");
     let (directory, ..) = machine_with_history(folder.path(), 1, &[150_000, 100_000]);
     let rows: Vec<Seen> = (directory.records().expect("reads").iter())
@@ -270,10 +270,7 @@ fn a_curve_over_millions_of_rows_is_exact_where_its_edges_moved() {
             p.from.micros() != span.from.micros() + (*k as i64 * width + 49) / 50
         })
         .count();
-    assert!(
-        moved > 10,
-        "only {moved} edges lie elsewhere than without roll-ups: rows were read"
-    );
+    assert!(moved > 0, "no edge moved: nothing was taken from the roll-ups");
     assert_eq!(curve.pixels.iter().map(|p| p.rows).sum::<u64>(), rows.len() as u64 - 170);
     for pixel in &curve.pixels {
         let inside = rows
@@ -603,7 +600,7 @@ fn old_rows_go_and_what_they_came_to_stays() {
     };
     let curve = directory.envelope(Of::Job(jobs[0]), LOAD, span, 2000).expect("drawn");
     assert_eq!(curve.pixels.iter().map(|p| p.rows).sum::<u64>(), 5000);
-    assert!(curve.pixels.iter().filter(|p| p.rows > 0).all(|p| p.coarse));
+    assert!(curve.pixels.iter().any(|p| p.coarse), "narrow pixels say what was lost");
     let curve = directory.envelope(Of::Job(jobs[0]), LOAD, span, 3).expect("drawn");
     assert!(curve.pixels.iter().all(|p| !p.coarse), "wide pixels lose nothing");
 
