@@ -90,6 +90,19 @@ pub enum Command {
     /// Bring a backup back into an empty data directory, checked before and after.
     #[command(after_help = RESTORE_HELP)]
     Restore(RestoreArgs),
+    /// Keep a job's records whatever their age, or release them again; who and why is recorded.
+    #[command(override_usage = "toolmark hold <JOB> --reason <TEXT>\n       toolmark hold <JOB> --release --reason <TEXT>")]
+    Hold(HoldArgs),
+}
+
+/// `toolmark hold`
+#[derive(Debug, Args)]
+pub struct HoldArgs {
+    /// The number of the job.
+    pub job: i64,
+    /// Release it.
+    #[arg(long)]
+    pub release: bool,
 }
 
 const BACKUP_HELP: &str = "\

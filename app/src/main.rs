@@ -62,6 +62,7 @@ fn run(cli: &Cli) -> u8 {
         Command::Trace(args) => commands::trace::trace(args, common),
         Command::Backup(args) => commands::backup::backup(args, common),
         Command::Restore(args) => commands::backup::restore(args, common),
+        Command::Hold(args) => commands::hold::hold(args, common),
     };
     match done {
         Ok(exit) => exit as u8,

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use store::machine_file::MachineKind;
 use store::{DataDirectory, Ending, MachineFile, StoreError};
-use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3};
+use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Timestamp};
 
 /// A blend may leave the path this far where the program does not say.
 pub const DEFAULT_PATH_TOLERANCE: Millimetres = Millimetres(0.01);
@@ -109,6 +109,18 @@ pub fn open_data(root: &Path, common: &Common) -> Result<DataDirectory, Failure>
         directory.end_job(job.id, last, Ending::Interrupted).map_err(failure)?;
     }
     Ok(directory)
+}
+
+/// Before something is recorded: removes rows that are older than the machine file allows, and says so.
+///
+/// # Errors
+/// The disk refuses.
+pub fn retain(directory: &mut DataDirectory, machine: &MachineFile, now: Timestamp) -> Result<(), Failure> {
+    for removal in directory.retain(&machine.retention, now).map_err(failure)? {
+        let (path, why) = (removal.record.path.display(), &removal.why);
+        notice(&format!("{path} was removed, {why}; what its rows came to is kept"));
+    }
+    Ok(())
 }
 
 /// Opens a data directory, or a backup of one, to look at it. Interrupted jobs are said, and stay what they are.

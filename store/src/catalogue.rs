@@ -90,7 +90,11 @@ impl DataDirectory {
             insert_event(transaction, Log::Directory, &event)
         })?;
         let newest = self.records()?.pop();
-        Ok(newest.expect("a row was put in above, and rows are never deleted"))
+        let newest = newest.expect("a row was put in above, and rows are never deleted");
+        // The record is kept, whatever becomes of its roll-up: one that cannot be made now (a full disk) is made when it is first asked
+        // for, and who asks then is told why it cannot.
+        let _ = self.roll_up(&newest);
+        Ok(newest)
     }
 
     /// All record files, in the order in which they were put in.
@@ -105,7 +109,7 @@ impl DataDirectory {
         all().map_err(self.failed())
     }
 
-    fn catalogue_row_of(&self, row: &Row<'_>) -> rusqlite::Result<CatalogueRow> {
+    pub(crate) fn catalogue_row_of(&self, row: &Row<'_>) -> rusqlite::Result<CatalogueRow> {
         let hash = |column: &str| -> rusqlite::Result<Hash> {
             let odd = || rusqlite::Error::InvalidColumnType(0, column.to_owned(), rusqlite::types::Type::Text);
             Hash::parse(&row.get::<_, String>(column)?).ok_or_else(odd)

@@ -1,6 +1,6 @@
 //! The one error type of this crate: what happened to which file, and what the person can do.
 
-use crate::{JobId, Log};
+use crate::{Hold, JobId, Log};
 use ledger::{Broken, ChangeError};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -129,6 +129,15 @@ pub enum StoreError {
     /// The job is over.
     #[error("job {0} is over already")]
     JobIsOver(JobId),
+    /// The job is on hold.
+    #[error("job {} is on hold already, by {}: {}", .0.job, .0.who, .0.why)]
+    HeldAlready(Hold),
+    /// The job is not on hold.
+    #[error("job {0} is not on hold")]
+    NotHeld(JobId),
+    /// A hold or a release without a person or a reason.
+    #[error("a hold needs who asks for it and why: give --reason TEXT")]
+    NobodyStandsBehind,
     /// A row that cannot stand in a record.
     #[error("record {}: a row of tick {} after one of tick {}: ticks must rise", path.display(), found.0, last.0)]
     OutOfOrder {
@@ -156,6 +165,22 @@ pub enum StoreError {
         path: PathBuf,
         /// What the reader found.
         what: String,
+    },
+    /// A roll-up that is cut or changed.
+    #[error("roll-up {} is damaged or cut ({what}): it is made anew from its record when that is still there", path.display())]
+    DamagedRollup {
+        /// The file.
+        path: PathBuf,
+        /// What the reader found.
+        what: String,
+    },
+    /// No record that was asked for has such a channel.
+    #[error("no record has a channel {name}: there are {}", known.join(", "))]
+    NoSuchChannel {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: Vec<String>,
     },
     /// A whole Parquet file that is not a record of ours.
     #[error("{} is not a toolmark record: {what}", path.display())]
@@ -200,9 +225,11 @@ impl StoreError {
             } if source.kind() == std::io::ErrorKind::NotFound => 3,
             Io { .. } | Locked { .. } | Database { .. } | Unwritable { .. } => 4,
             Newer { .. } | NotOurs { .. } | Broken { .. } | BadEvent { .. } => 3,
-            Damaged { .. } | NotARecord { .. } | MachineFile(_) | BadRegister { .. } => 3,
+            Damaged { .. } | DamagedRollup { .. } | NotARecord { .. } | MachineFile(_) | BadRegister { .. } => 3,
+            NoPlace | NoSuchChannel { .. } | NotUnicode(_) | NoSuchJob(_) | JobIsOver(_) => 2,
+            HeldAlready(_) | NotHeld(_) | NobodyStandsBehind => 2,
             NoDirectory(_) | HalfBackup(_) | HalfRestore(_) | NotWhole { .. } => 3,
-            NoPlace | NotUnicode(_) | NoSuchJob(_) | JobIsOver(_) | IsBackup(_) | BadPlace { .. } => 2,
+            IsBackup(_) | BadPlace { .. } => 2,
             Change(_) => 1,
             OutOfOrder { .. } | TooLarge { .. } | OnlyRead(_) => 70,
         }

@@ -6,24 +6,29 @@
 //!
 //! Read on: [`DataDirectory`] for the folder, its lock, jobs, events and process values; [`fn@verify`] for the check of everything;
 //! [`backup`] for whole copies and the way back; [`ServerNotice`] for whom to talk to; [`segment`] for recordings in the making, where
-//! what is acknowledged is on disk; [`record`] for Parquet records of samples and [`Table`] for any others; [`trajectory`] for planned
-//! set-points; [`machine_file`] for `machine.toml`; [`registers`] for the paths of offsets.
-//!
-//! Not here yet: retention, roll-ups.
+//! what is acknowledged is on disk; [`record`] for Parquet records of samples and [`Table`] for any others; [`rollup`] for what they come
+//! to over an hour or a month; [`DataDirectory::range`] for the rows of a moment; [`Retention`] for what is removed by age;
+//! [`trajectory`] for planned set-points; [`machine_file`] for `machine.toml`; [`registers`] for the paths of offsets.
 
 pub mod backup;
 mod catalogue;
 mod directory;
 mod error;
 mod events;
+mod holds;
 mod jobs;
 mod kept;
 pub mod machine_file;
+mod range;
 pub mod record;
 pub mod registers;
+mod retention;
+mod retention_verified;
+pub mod rollup;
 mod schema;
 pub mod segment;
 mod server_notice;
+mod sources;
 mod table;
 pub mod trajectory;
 mod verify;
@@ -34,11 +39,15 @@ pub use catalogue::CatalogueRow;
 pub use directory::{DataDirectory, data_directory_path};
 pub use error::StoreError;
 pub use events::Log;
+pub use holds::Hold;
 pub use jobs::{Ending, Interrupted, Job, JobId, JobState, Left, NewJob};
 pub use kept::KeptFile;
 pub use machine_file::{MachineFile, MachineKind};
+pub use range::{Piece, Range, Rest, RolledUp, Rows};
 pub use registers::Register;
+pub use retention::{Removal, Retention};
 pub use server_notice::ServerNotice;
+pub use sources::{Of, Span};
 pub use table::Table;
 pub use verify::{Finding, Verification, verify};
 pub use whole_file::WholeFile;

@@ -12,7 +12,7 @@ use std::time::Duration;
 const APPLICATION_ID: i64 = 0x544d_524b;
 
 /// One entry a version: entry 0 makes version 1 of an empty file.
-pub(crate) const MIGRATIONS: &[&str] = &[include_str!("schema/1.sql")];
+pub(crate) const MIGRATIONS: &[&str] = &[include_str!("schema/1.sql"), include_str!("schema/holds.sql")];
 
 /// Opens the database at `path`, making or migrating it.
 pub(crate) fn open(path: &Path, migrations: &[&str]) -> Result<Connection, StoreError> {

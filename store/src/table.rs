@@ -224,7 +224,7 @@ impl Table {
 
 /// Runs the Parquet decoder on bytes of unknown health. Damage by accident is found by the hashes before; a file made to hurt may still
 /// bring the decoder to a panic, and that is a damaged file and not a fault of ours.
-fn guarded<T>(path: &Path, work: impl FnOnce() -> parquet::errors::Result<T>) -> Result<T, StoreError> {
+pub(crate) fn guarded<T>(path: &Path, work: impl FnOnce() -> parquet::errors::Result<T>) -> Result<T, StoreError> {
     let damaged = |what: String| StoreError::Damaged {
         path: path.to_owned(),
         what,

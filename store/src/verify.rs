@@ -6,6 +6,7 @@
 
 use crate::directory::DATABASE;
 use crate::events::end_of;
+use crate::retention_verified::ToldOfRetention;
 use crate::{
     DataDirectory, JobId, JobState, Log, StoreError, Table, backup, catalogue, kept, schema, segment, server_notice, whole_file,
 };
@@ -62,7 +63,15 @@ const WINDOW: usize = 1000;
 
 /// The tables whose every row is held against something. A table that is not here is a finding of its own: a new one belongs in here
 /// with its check.
-const CHECKED: &[&str] = &["events", "jobs", "records", "registers", "sqlite_sequence"];
+const CHECKED: &[&str] = &[
+    "events",
+    "holds",
+    "jobs",
+    "records",
+    "registers",
+    "removals",
+    "sqlite_sequence",
+];
 
 /// What the directory's chain says ought to be.
 #[derive(Default)]
@@ -72,6 +81,7 @@ struct Told {
     started: BTreeMap<i64, (i64, BTreeMap<String, Value>)>,
     ended: BTreeMap<i64, JobEnd>,
     files: BTreeMap<String, kept::KeptFile>,
+    retention: ToldOfRetention,
 }
 
 struct JobEnd {
@@ -152,7 +162,8 @@ impl DataDirectory {
         }
         self.verify_values(told, done)?;
         self.verify_jobs(told, done)?;
-        self.verify_records(told, done)
+        self.verify_records(told, done)?;
+        self.verify_retention(&told.retention, &mut done.findings)
     }
 
     /// SQLite's own check: pages, their order, indexes, types, constraints.
@@ -405,10 +416,20 @@ impl DataDirectory {
         });
         let files = told.files.values().map(|f| (f.text.clone(), ("file", f.hash.to_string())));
         let newest: BTreeMap<String, (&str, String)> = files.chain(records).collect();
-        let mut known = BTreeSet::new();
+        let removed: BTreeSet<&str> = (1..)
+            .zip(&told.records)
+            .filter(|(sequence, _)| told.retention.is_removed(*sequence))
+            .filter_map(|(_, row)| row.get("sha256")?.as_str())
+            .collect();
+        // A roll-up stands under the hash of its record; its own checks were looked at with the tables.
+        let rollup = |row: &BTreeMap<String, Value>| Some(self.rollup_path_of(row.get("sha256")?.as_str()?));
+        let mut known: BTreeSet<PathBuf> = told.records.iter().filter_map(rollup).collect();
         for (text, (word, said)) in &newest {
             progress(text);
             let path = self.place_of(text, said);
+            if removed.contains(said.as_str()) && !path.exists() {
+                continue;
+            }
             let what = format!("{word} {}", path.display());
             match whole_file::hash_of_file(&path) {
                 Ok(hash) if hash.to_string() == *said => {
@@ -472,7 +493,7 @@ impl DataDirectory {
                 ));
                 return Ok(());
             }
-            "tmp" => None,
+            "tmp" | "rollup" => None,
             _ => Some("the log tells nothing of it: it was put here by hand".to_owned()),
         };
         match damage {
@@ -581,6 +602,7 @@ impl Told {
     fn hear(&mut self, event: &Event) {
         let detail = &event.detail;
         let text = |name: &str| detail.get(name).and_then(Value::as_str);
+        self.retention.hear(event);
         match event.kind.as_str() {
             "change" => {
                 if let (Some(path), Some(after)) = (text("path"), detail.get("after").and_then(Value::as_f64)) {
@@ -610,7 +632,7 @@ impl Told {
     }
 }
 
-fn finding(what: impl std::fmt::Display, problem: impl std::fmt::Display) -> Finding {
+pub(crate) fn finding(what: impl std::fmt::Display, problem: impl std::fmt::Display) -> Finding {
     Finding {
         what: what.to_string(),
         problem: problem.to_string(),

@@ -41,6 +41,13 @@ const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
         200,
     ),
     (
+        "retention",
+        "store",
+        "a_process_killed_while_it_removes_old_rows_leaves_nothing_half_removed",
+        "KILLS",
+        200,
+    ),
+    (
         "blocks",
         "motion",
         "a_long_program_passes_through_a_bounded_window",

@@ -29,6 +29,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     )?;
     let machine = machine_for(&common.machine, program.turns())?;
     let mut directory = shop::data_directory(common)?;
+    shop::retain(&mut directory, &machine, start)?;
     let who = shop::operator(common);
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
     let tables = directory.tables(&machine).map_err(shop::failure)?;

@@ -59,7 +59,7 @@ impl DataDirectory {
         begin(to, &identity)?;
 
         let mut problems = Vec::new();
-        let sources = self.sources(&mut problems)?;
+        let sources = self.files_to_copy(&mut problems)?;
         let mut files = Vec::new();
         let (mut copied, mut copied_bytes, mut unchanged) = (0, 0, 0);
         for (path, source) in &sources {
@@ -175,7 +175,7 @@ impl DataDirectory {
     }
 
     /// What is to be copied, by its path in the backup.
-    fn sources(&self, problems: &mut Vec<String>) -> Result<BTreeMap<String, Source>, StoreError> {
+    fn files_to_copy(&self, problems: &mut Vec<String>) -> Result<BTreeMap<String, Source>, StoreError> {
         let mut sources = BTreeMap::new();
         let told = self.told_files()?;
         for (text, hash) in &told {
@@ -210,6 +210,10 @@ impl DataDirectory {
             told.insert(file.text, file.hash.to_string());
         }
         for row in self.records()? {
+            // Removed by age: its roll-up is what is kept of it.
+            if self.is_raw_gone(&row)? && !row.path.exists() {
+                continue;
+            }
             told.insert(row.text, row.hash.to_string());
         }
         Ok(told)

@@ -8,13 +8,16 @@
 //! [`Writer`] makes one, [`Reader`] opens one, ours or one that only looks like it, [`extract`] takes a part of one.
 
 mod extract;
+mod pages;
 mod reader;
 pub(crate) mod rows;
 pub(crate) mod schema;
 pub(crate) mod writer;
 
 pub use extract::extract;
+pub(crate) use pages::Pages;
+pub(crate) use reader::columns_of;
 pub use reader::{Batch, Column, Reader, Row};
 pub use rows::SampleRows;
 pub use schema::Header;
-pub use writer::{Finished, Writer};
+pub use writer::{ColumnsWriter, Finished, Writer};

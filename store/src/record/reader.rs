@@ -57,6 +57,12 @@ impl Column {
         };
         scaled + self.offset
     }
+
+    /// The least and the greatest reading behind the least and the greatest raw number; a negative scale turns them round.
+    pub(crate) fn ordered(&self, min: i32, max: i32) -> (f64, f64) {
+        let (a, b) = (self.value(min), self.value(max));
+        (a.min(b), a.max(b))
+    }
 }
 
 /// One row: a servo cycle. Positions are gauge-point axis positions in the machine frame, mm.
@@ -215,7 +221,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    fn new(path: &Path, arrow: RecordBatch, columns: Vec<Column>) -> Result<Batch, StoreError> {
+    pub(crate) fn new(path: &Path, arrow: RecordBatch, columns: Vec<Column>) -> Result<Batch, StoreError> {
         // The file's footer gave the schema, and `columns_of` checked it; a reader that gives another one is met here.
         columns_of(&arrow.schema()).map_err(|what| StoreError::Damaged {
             path: path.to_owned(),
@@ -319,7 +325,7 @@ fn header_of(metadata: &BTreeMap<String, String>) -> Result<Header, String> {
     })
 }
 
-fn columns_of(schema: &Schema) -> Result<Vec<Column>, String> {
+pub(crate) fn columns_of(schema: &Schema) -> Result<Vec<Column>, String> {
     let is = |name: &str, wanted: &DataType| match schema.field_with_name(name) {
         Ok(field) if field.data_type() == wanted && !field.is_nullable() => Ok(()),
         Ok(field) => Err(format!("its column {name} is {}, expected {wanted}", field.data_type())),

@@ -3,8 +3,9 @@
 use super::rows::SampleRows;
 use super::schema::{self, Header, PAGE, key};
 use crate::StoreError;
-use crate::segment::Rows as _;
+use crate::segment::{Layout, Rows as _};
 use crate::table::TableWriter;
+use arrow_array::RecordBatch;
 use ledger::{Event, Hash};
 use machine::Sample;
 use std::path::{Path, PathBuf};
@@ -76,6 +77,41 @@ impl Writer {
     /// The disk refuses; there is no file then.
     pub fn finish(mut self, events: &[Event]) -> Result<Finished, StoreError> {
         self.table.write(&self.rows.take()?)?;
+        finish(&self.path, self.table, events, &[])
+    }
+}
+
+/// Writes a record of other channels than our machine's, by columns: what was recorded elsewhere.
+pub struct ColumnsWriter {
+    path: PathBuf,
+    table: TableWriter,
+}
+
+impl ColumnsWriter {
+    /// Starts a record that will stand at `path`. The layout is one of [`Layout::samples`].
+    ///
+    /// # Errors
+    /// The file cannot be made.
+    pub fn create(path: &Path, header: &Header, layout: &Layout) -> Result<ColumnsWriter, StoreError> {
+        Ok(ColumnsWriter {
+            path: path.to_owned(),
+            table: TableWriter::create(path, &layout.schema(), schema::metadata(header))?,
+        })
+    }
+
+    /// Adds rows, in order of time.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn write(&mut self, batch: &RecordBatch) -> Result<(), StoreError> {
+        self.table.write(batch)
+    }
+
+    /// Ends the record with all events of its job and makes it last.
+    ///
+    /// # Errors
+    /// The disk refuses; there is no file then.
+    pub fn finish(self, events: &[Event]) -> Result<Finished, StoreError> {
         finish(&self.path, self.table, events, &[])
     }
 }

@@ -89,7 +89,7 @@ pub fn discard(folder: &Path) -> Result<(), StoreError> {
 }
 
 /// The parts of a recording, in order. Where a segment and its Parquet file both stand, the file.
-pub(super) fn paths(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+pub(crate) fn paths(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let mut by_name: BTreeMap<PathBuf, PathBuf> = BTreeMap::new();
     for entry in std::fs::read_dir(folder).map_err(StoreError::io("read", folder))? {
         let path = entry.map_err(StoreError::io("read", folder))?.path();

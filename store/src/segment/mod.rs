@@ -22,6 +22,7 @@ mod rows;
 pub mod trouble;
 mod writer;
 
+pub(crate) use compact::paths;
 pub use compact::{Merged, discard, merge};
 pub use disk::{Disk, DiskFile, RealDisk};
 pub use gap::{Cause, Gap};

@@ -5,7 +5,7 @@ use machine::{Quality, Sample};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use store::record::{Header, Writer};
-use store::{DataDirectory, Ending, JobId, NewJob};
+use store::{DataDirectory, Ending, JobId, NewJob, Retention};
 use units::{StepId, Tick, Timestamp};
 
 pub const START: Timestamp = Timestamp(1_795_132_800_000_000_000);
@@ -71,7 +71,7 @@ pub fn run_a_job(directory: &mut DataDirectory, folder: Option<&Path>, rows: u64
     job.id
 }
 
-/// Two jobs in the directory, one outside of it, some process values.
+/// A job on hold, one whose rows were removed by age, one that wrote outside of the directory, some process values.
 pub fn populate(root: &Path, outside: &Path) {
     let mut directory = DataDirectory::open(root, "test").expect("free");
     directory.opened(START, "Maria", "test").expect("told");
@@ -92,6 +92,17 @@ pub fn populate(root: &Path, outside: &Path) {
     }
     run_a_job(&mut directory, None, 300);
     run_a_job(&mut directory, Some(outside), 200);
+    directory
+        .hold_job(JobId(1), "Maria", "the customer asked", START)
+        .expect("held");
+    let retention = Retention {
+        raw_days: 1.0,
+        quota_bytes: None,
+    };
+    let later = Timestamp(START.0 + 2 * 86_400_000_000_000);
+    let removed = directory.retain(&retention, later).expect("removed");
+    // The first is on hold, the last is not in the directory.
+    assert_eq!(removed.iter().map(|r| r.record.job).collect::<Vec<_>>(), [JobId(2)]);
 }
 
 /// Every file below a folder, by its path in it.
