@@ -12,8 +12,8 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use store::WholeFile;
 use store::record::{Column, Reader, Row, extract};
+use store::{CatalogueRow, WholeFile};
 use units::Timestamp;
 
 /// What is asked for.
@@ -63,13 +63,15 @@ pub fn export(root: &Path, job: &str, wanted: &Wanted<'_>, common: &Common) -> D
     }
     let directory = shop::read_data(root)?;
     let found = find(&directory, job)?;
-    if found.records.is_empty() {
+    if found.readable().next().is_none() {
+        let why = found.gone.values().next();
+        let why = why.map_or("it was interrupted, or nothing moved", String::as_str);
         return Err(Failure::usage(format_args!(
-            "job {} has no record in the catalogue: it was interrupted, or nothing moved",
+            "job {} has no rows that could be exported: {why}",
             found.job.id
         )));
     }
-    let readers = found.records.iter().map(open).collect::<Result<Vec<_>, Failure>>()?;
+    let readers = found.readable().map(open).collect::<Result<Vec<_>, Failure>>()?;
     let all = columns_of(&readers);
     let columns = chosen(&all, wanted.channels)?;
     let span = span_of(wanted, found.job.start)?;
@@ -341,12 +343,13 @@ fn json_lines(selection: &Selection<'_>, found: &Found, path: &Path, done: &mut 
 }
 
 fn parquet(selection: &Selection<'_>, found: &Found, whole: bool, path: &Path, done: &mut Written) -> Result<(), Failure> {
-    let ([reader], [row]) = (selection.readers, &found.records[..]) else {
+    let rows: Vec<&CatalogueRow> = found.readable().collect();
+    let ([reader], [row]) = (selection.readers, &rows[..]) else {
         return Err(Failure::usage(format_args!(
             "job {} has {} records, which are Parquet files already; copy them from where toolmark trace show says they are, or \
              export .csv, .jsonl or .mf4, which hold them in one file",
             found.job.id,
-            found.records.len()
+            rows.len()
         )));
     };
     done.events = found.events.len() as u64;

@@ -1,6 +1,6 @@
 //! `toolmark trace list`: the jobs and their recordings, oldest first.
 
-use super::{Found, Verdicts, shown, with_all};
+use super::{Everything, Found, shown};
 use crate::cli::Common;
 use crate::commands::{Done, print_json};
 use crate::failure::Exit;
@@ -15,11 +15,10 @@ use std::path::Path;
 /// There is no data directory, a process works in it, or it cannot be read.
 pub fn list(root: &Path, common: &Common) -> Done {
     let directory = shop::read_data(root)?;
-    let records = directory.records().map_err(shop::failure)?;
-    let verdicts = Verdicts::of(&directory)?;
+    let everything = Everything::of(&directory)?;
     let mut all = Vec::new();
     for job in directory.jobs().map_err(shop::failure)? {
-        all.push(with_all(&directory, job, &records, &verdicts)?);
+        all.push(everything.with(&directory, job)?);
     }
     if common.json {
         let jobs: Vec<Value> = all.iter().map(|found| brief(root, found)).collect();
@@ -31,13 +30,13 @@ pub fn list(root: &Path, common: &Common) -> Done {
         return Ok(Exit::Good);
     }
     say(&format!(
-        "{:>5}  {:24} {:12} {:19}  {:>9} {:>9} {:>7}  {:11} verdict",
-        "job", "program", "machine", "start", "duration", "rows", "missing", "state"
+        "{:>5}  {:24} {:12} {:19}  {:>9} {:>9} {:>7}  {:11} {:4} verdict",
+        "job", "program", "machine", "start", "duration", "rows", "missing", "state", "hold"
     ));
     for found in &all {
         let job = &found.job;
         say(&format!(
-            "{:>5}  {:24} {:12} {:19}  {:>9} {:>9} {:>7}  {:11} {}",
+            "{:>5}  {:24} {:12} {:19}  {:>9} {:>9} {:>7}  {:11} {:4} {}{}",
             job.id.0,
             job.program,
             job.machine,
@@ -46,7 +45,9 @@ pub fn list(root: &Path, common: &Common) -> Done {
             found.rows(),
             missing_rows(found).map_or_else(|| "-".to_owned(), |n| n.to_string()),
             job.state.word(),
-            found.verdict.as_deref().unwrap_or("-")
+            if found.hold.is_some() { "yes" } else { "" },
+            found.verdict.as_deref().unwrap_or("-"),
+            if found.gone.is_empty() { "" } else { ", rows gone" }
         ));
     }
     say("missing: rows that a record of one row each millisecond lacks; more of a job: toolmark trace show JOB");
@@ -77,6 +78,7 @@ pub fn brief(root: &Path, found: &Found) -> Value {
                 "rows": r.rows,
                 "bytes": r.bytes,
                 "sha256": r.hash.to_string(),
+                "gone": found.gone.get(&r.sequence),
                 "first": r.span_us.map(|(first, _)| micros(first)),
                 "last": r.span_us.map(|(_, last)| micros(last)),
             })
@@ -96,6 +98,7 @@ pub fn brief(root: &Path, found: &Found) -> Value {
         "folder": shown(root, &job.folder),
         "events": found.events.len(),
         "rows": found.rows(),
+        "hold": found.hold.as_ref().map(|h| json!({ "since": clock::utc(h.at), "who": h.who, "why": h.why })),
         "missing_rows": missing_rows(found),
         "records": records,
     })

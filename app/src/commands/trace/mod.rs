@@ -15,9 +15,10 @@ use crate::cli::{Common, TraceArgs, TraceCommand};
 use crate::failure::Failure;
 use crate::shop;
 use ledger::Event;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use store::record::Reader;
-use store::{CatalogueRow, DataDirectory, Job, JobId, Log};
+use store::{CatalogueRow, DataDirectory, Hold, Job, JobId, Log};
 use units::Timestamp;
 
 /// Runs the command.
@@ -57,6 +58,9 @@ struct Found {
     job: Job,
     events: Vec<Event>,
     records: Vec<CatalogueRow>,
+    /// Records whose rows cannot be read any more, by their place in the catalogue, and why.
+    gone: BTreeMap<u64, String>,
+    hold: Option<Hold>,
     verdict: Option<String>,
 }
 
@@ -76,6 +80,11 @@ impl Found {
 
     fn rows(&self) -> u64 {
         self.records.iter().map(|r| r.rows).sum()
+    }
+
+    /// The records whose rows are there.
+    fn readable(&self) -> impl Iterator<Item = &CatalogueRow> {
+        self.records.iter().filter(|r| !self.gone.contains_key(&r.sequence))
     }
 }
 
@@ -97,27 +106,61 @@ fn find(directory: &DataDirectory, name: &str) -> Result<Found, Failure> {
     };
     let job = wanted.and_then(|id| jobs.into_iter().find(|job| job.id == id));
     let job = job.ok_or_else(|| Failure::usage(format_args!("there is no job {name}; {known}: toolmark trace list")))?;
-    let records = directory.records().map_err(shop::failure)?;
-    let verdicts = Verdicts::of(directory)?;
-    with_all(directory, job, &records, &verdicts)
+    Everything::of(directory)?.with(directory, job)
 }
 
-fn with_all(directory: &DataDirectory, job: Job, records: &[CatalogueRow], verdicts: &Verdicts) -> Result<Found, Failure> {
+/// What belongs to all jobs, read once.
+struct Everything {
+    records: Vec<CatalogueRow>,
+    gone: BTreeMap<u64, String>,
+    holds: Vec<Hold>,
+    verdicts: Verdicts,
+}
+
+impl Everything {
+    fn of(directory: &DataDirectory) -> Result<Everything, Failure> {
+        let records = directory.records().map_err(shop::failure)?;
+        let removals = directory.removals().map_err(shop::failure)?;
+        let mut gone: BTreeMap<u64, String> = removals.into_iter().map(|r| (r.record.sequence, r.why)).collect();
+        // `run --out DIR` twice: the newest record of a path speaks for it.
+        let mut newest = BTreeMap::new();
+        for row in &records {
+            if let Some(older) = newest.insert(&row.path, row.sequence) {
+                gone.insert(older, "a later run wrote another record to the same place".to_owned());
+            }
+        }
+        Ok(Everything {
+            gone,
+            holds: directory.holds().map_err(shop::failure)?,
+            verdicts: Verdicts::of(directory)?,
+            records,
+        })
+    }
+
+    fn with(&self, directory: &DataDirectory, job: Job) -> Result<Found, Failure> {
+        let records: Vec<CatalogueRow> = self.records.iter().filter(|r| r.job == job.id).cloned().collect();
+        let gone = self.gone.iter().filter(|(n, _)| records.iter().any(|r| r.sequence == **n));
+        Ok(Found {
+            gone: gone.map(|(n, why)| (*n, why.clone())).collect(),
+            hold: self.holds.iter().find(|hold| hold.job == job.id).cloned(),
+            verdict: self.verdicts.of_job(job.id),
+            events: events_of(directory, job.id)?,
+            records,
+            job,
+        })
+    }
+}
+
+fn events_of(directory: &DataDirectory, job: JobId) -> Result<Vec<Event>, Failure> {
     let mut events: Vec<Event> = Vec::new();
     loop {
         let from = events.last().map_or(1, |e| e.sequence + 1);
-        let more = directory.events(Log::Job(job.id), from, 1000).map_err(shop::failure)?;
+        let more = directory.events(Log::Job(job), from, 1000).map_err(shop::failure)?;
         if more.is_empty() {
-            break;
+            return Ok(events);
         }
         events.extend(more);
     }
-    Ok(Found {
-        records: records.iter().filter(|r| r.job == job.id).cloned().collect(),
-        verdict: verdicts.of_job(job.id),
-        events,
-        job,
-    })
 }
 
 /// The verdict of each job, out of the report that it wrote.

@@ -24,8 +24,8 @@ const LAST_EVENTS: usize = 20;
 pub fn show(root: &Path, job: &str, all_events: bool, common: &Common) -> Done {
     let directory = shop::read_data(root)?;
     let found = find(&directory, job)?;
-    let readers = found.records.iter().map(open).collect::<Result<Vec<_>, Failure>>()?;
-    let ends = found.records.iter().filter_map(|r| r.span_us);
+    let readers = found.readable().map(open).collect::<Result<Vec<_>, Failure>>()?;
+    let ends = found.readable().filter_map(|r| r.span_us);
     let span = ends.reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
     let numbers = match span {
         Some(span) => statistics::of(&readers, span)?,
@@ -77,6 +77,19 @@ fn head(root: &Path, found: &Found) {
             row.rows,
             size(row.bytes),
             row.hash
+        ));
+    }
+    for row in &found.records {
+        if let Some(why) = found.gone.get(&row.sequence) {
+            say(&format!("  its rows are gone: {why} (catalogue row {})", row.sequence));
+        }
+    }
+    if let Some(hold) = &found.hold {
+        say(&format!(
+            "  on hold since {} by {}: {}",
+            clock::local(hold.at),
+            hold.who,
+            hold.why
         ));
     }
     if found.records.is_empty() {
