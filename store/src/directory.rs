@@ -6,6 +6,7 @@
 //! jobs/<job>/                             what a job wrote: as-executed program, report
 //! records/<machine>/<yyyy-mm-dd>/*.parquet  records
 //! segments/                               records in the making
+//! rollups/<hash of record>.rollup         what the records come to, kept when their rows are removed
 //! lock                                    held by the one process that works here
 //! ```
 
