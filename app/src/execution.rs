@@ -136,16 +136,15 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         ..
     } = rows;
     let end = order.start.at(outcome.ticks);
-    let ended = recording.end().map_err(shop::failure);
+    let ended = recording.end();
     tell_notices(directory, &watch, end)?;
-    let ended = ended?;
+    ended.map_err(shop::failure)?;
     let kept = directory
         .keep_recording(job.id, &record_path, &events, end)
         .map_err(shop::failure)?;
     for (path, what) in &kept.lost {
         eprintln!("warning: {} of the recording is damaged: {what}", path.display());
     }
-    debug_assert_eq!(ended.health.missed, kept.gaps.iter().map(|gap| gap.count).sum::<u64>());
     let (record, gaps) = (kept.finished, kept.gaps);
 
     let mut record_read = recording::of_record(&record_path)?;

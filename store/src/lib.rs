@@ -1,12 +1,13 @@
 //! The house's disk: the data directory with its lock and its SQLite file, the record files, and the machine file.
 //!
-//! This is the light part of the shell: it opens files, but no socket and no clock; times come from the caller, so that a simulated run
-//! writes the same bytes every time. It keeps what `ledger` makes and invents no events of its own hand: every row that matters is
-//! told by an event of the chain, and [`DataDirectory::verify`] holds the two against each other.
+//! This is the light part of the shell: it opens files and starts the thread that writes a recording, but opens no socket and asks no
+//! clock what time it is; times come from the caller, so that a simulated run writes the same bytes every time. It keeps what `ledger`
+//! makes: every row that matters is told by an event of the chain, and [`DataDirectory::verify`] holds the two against each other.
 //!
-//! Read on: [`DataDirectory`] for the folder, its lock, jobs, events and process values; [`record`] for Parquet records of samples;
-//! [`rollup`] for what they come to over an hour or a month; [`DataDirectory::range`] for the rows of a moment; [`Retention`] for what is
-//! removed by age; [`trajectory`] for planned set-points; [`machine_file`] for `machine.toml`; [`registers`] for the paths of offsets.
+//! Read on: [`DataDirectory`] for the folder, its lock, jobs, events and process values; [`segment`] for recordings in the making, where
+//! what is acknowledged is on disk; [`record`] for Parquet records of samples and [`Table`] for any others; [`rollup`] for what records
+//! come to over an hour or a month; [`DataDirectory::range`] for the rows of a moment; [`Retention`] for what is removed by age;
+//! [`trajectory`] for planned set-points; [`machine_file`] for `machine.toml`; [`registers`] for the paths of offsets.
 
 mod catalogue;
 mod directory;
@@ -38,7 +39,7 @@ pub use jobs::{Ending, Interrupted, Job, JobId, JobState, Left, NewJob};
 pub use machine_file::{MachineFile, MachineKind};
 pub use range::{Piece, Range, Rest, RolledUp, Rows};
 pub use registers::Register;
-pub use retention::{Removal, Retention};
+pub use retention::{Removal, Retained, Retention};
 pub use sources::{Of, Span};
 pub use table::Table;
 pub use verify::Finding;

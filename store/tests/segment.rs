@@ -1,12 +1,14 @@
 //! Segments on a real disk: what was acknowledged comes back, what was damaged is found out.
 
 use arrow_array::builder::{StringBuilder, StringDictionaryBuilder};
+use arrow_array::cast::AsArray;
 use arrow_array::types::Int32Type;
-use arrow_array::{ArrayRef, Float64Array, Int64Array, RecordBatch, TimestampMicrosecondArray};
+use arrow_array::{Array, ArrayRef, Float64Array, Int64Array, RecordBatch, StringArray, TimestampMicrosecondArray};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
+use store::Table;
 use store::segment::frame::BadFrame;
 use store::segment::{self, Cause, Gap, Layout, Options, RealDisk, Writer};
 
@@ -118,6 +120,49 @@ fn a_segment_whose_writer_went_away_has_all_acknowledged_rows_and_no_end() {
     write(&path, true, false);
     let found = segment::read(&path).expect("a segment");
     assert_eq!((found.rows, found.ended, found.lost), (30, false, None));
+}
+
+#[test]
+fn observations_become_parquet_with_their_words_numbers_and_gaps() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recording = folder.path().join("agent");
+    write(&recording.join("0001.segment"), true, true);
+    let target = folder.path().join("agent.parquet");
+    let merged = segment::merge(&recording, &target, &[], &[("toolmark.source", "agent".to_owned())]).expect("merged");
+    assert_eq!((merged.finished.rows, merged.finished.span_us), (30, Some((0, 29_000))));
+    assert_eq!((merged.gaps, merged.lost), (vec![gap()], vec![]));
+    let table = Table::open(&target).expect("ours");
+    assert_eq!((table.len(), table.metadata()["toolmark.source"].as_str()), (30, "agent"));
+    let batches: Vec<RecordBatch> = table.batches().expect("reads").map(|batch| batch.expect("whole")).collect();
+    let [batch] = &batches[..] else {
+        panic!("a few rows are one batch")
+    };
+    let expected = observations(0, 30);
+    for (k, field) in expected.schema().fields().iter().enumerate() {
+        let texts = |batch: &RecordBatch| {
+            let column = batch.column(k);
+            (0..30).map(|row| text_of(column, row)).collect::<Vec<_>>()
+        };
+        assert_eq!(texts(batch), texts(&expected), "{}", field.name());
+    }
+    // A changed byte is found in it as in any record.
+    let mut bytes = std::fs::read(&target).expect("reads");
+    bytes[100] ^= 4;
+    std::fs::write(&target, bytes).expect("damaged");
+    assert_eq!(Table::open(&target).expect_err("damaged").exit_code(), 3);
+}
+
+/// A value in words: dictionaries may number them otherwise.
+fn text_of(column: &ArrayRef, row: usize) -> String {
+    if let Some(words) = column.as_dictionary_opt::<Int32Type>() {
+        let words = words.downcast_dict::<StringArray>().expect("words");
+        return words
+            .into_iter()
+            .nth(row)
+            .flatten()
+            .map_or_else(|| "null".to_owned(), str::to_owned);
+    }
+    format!("{:?}", column.slice(row, 1))
 }
 
 #[test]

@@ -136,8 +136,11 @@ pub(crate) fn properties(columns: &Schema, metadata: &BTreeMap<String, String>) 
             DataType::Utf8 => builder
                 .set_column_dictionary_enabled(path.clone(), true)
                 .set_column_encoding(path, Encoding::DELTA_BYTE_ARRAY),
-            // Numbers without a scale: sent as they came, mostly decimal fractions, which byte streams make longer (measured).
-            DataType::Float64 | DataType::Boolean => builder.set_column_encoding(path, Encoding::PLAIN),
+            // Numbers without a scale: mostly decimal fractions that come again, which byte streams make longer (measured).
+            DataType::Float64 => builder
+                .set_column_dictionary_enabled(path.clone(), true)
+                .set_column_encoding(path, Encoding::PLAIN),
+            DataType::Boolean => builder.set_column_encoding(path, Encoding::PLAIN),
             _ => builder,
         };
         if matches!(field.data_type(), DataType::Dictionary(..)) {

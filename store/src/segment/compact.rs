@@ -47,10 +47,9 @@ pub fn merge(folder: &Path, target: &Path, events: &[Event], more: &[(&str, Stri
     let mut parts = Vec::new();
     let mut unreadable = Vec::new();
     for path in paths(folder)? {
-        match Part::open(&path) {
+        match Part::open_either(&path)? {
             Ok(part) => parts.push(part),
-            Err(StoreError::Damaged { path, what }) => unreadable.push((path, what)),
-            Err(other) => return Err(other),
+            Err(what) => unreadable.push((path, what)),
         }
     }
     let mut merged = write(&parts, target, false, events, &more_of(more, &unreadable))?;
@@ -125,6 +124,27 @@ impl Part {
             return Ok(Part::Parquet(path.to_owned(), Table::open(path)?));
         }
         read(path).map(|found| Part::Segment(Box::new(found)))
+    }
+
+    /// Opens a part, or its segment when that is still there and the Parquet file of it is damaged. The inner error says what is wrong
+    /// with it.
+    pub(super) fn open_either(path: &Path) -> Result<Result<Part, String>, StoreError> {
+        let damage = |error: StoreError| match error {
+            StoreError::Damaged { what, .. } | StoreError::NotARecord { what, .. } => Ok(what),
+            other => Err(other),
+        };
+        let what = match Part::open(path) {
+            Ok(part) => return Ok(Ok(part)),
+            Err(error) => damage(error)?,
+        };
+        let segment = path.with_extension("segment");
+        if segment != path && segment.exists() {
+            return match Part::open(&segment) {
+                Ok(part) => Ok(Ok(part)),
+                Err(error) => damage(error).map(Err),
+            };
+        }
+        Ok(Err(what))
     }
 
     fn path(&self) -> &Path {

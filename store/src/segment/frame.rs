@@ -110,7 +110,7 @@ pub enum BadFrame {
     BehindTheEnd,
 }
 
-/// Writes a frame behind `out`; `fill` writes its payload.
+/// Writes a frame behind `out`; `fill` writes its payload. False when it is longer than a frame may be; `out` is as before then.
 ///
 /// # Errors
 /// Those of `fill`; `out` is as before then.
@@ -120,7 +120,7 @@ pub fn put<E>(
     t_first: i64,
     kind: Kind,
     fill: impl FnOnce(&mut Vec<u8>) -> Result<(), E>,
-) -> Result<(), E> {
+) -> Result<bool, E> {
     let begin = out.len();
     out.extend([0; PREFIX]);
     out.extend(seq.to_le_bytes());
@@ -131,15 +131,15 @@ pub fn put<E>(
         return Err(error);
     }
     let length = out.len() - begin - PREFIX;
-    assert!(
-        length <= LONGEST,
-        "a frame of {length} bytes: rows are to be given in smaller batches"
-    );
+    if length > LONGEST {
+        out.truncate(begin);
+        return Ok(false);
+    }
     let length = (length as u32).to_le_bytes();
     let checksum = crc32c::crc32c_append(crc32c::crc32c(&length), &out[begin + PREFIX..]);
     out[begin..begin + 4].copy_from_slice(&length);
     out[begin + 4..begin + PREFIX].copy_from_slice(&checksum.to_le_bytes());
-    Ok(())
+    Ok(true)
 }
 
 /// How many bytes a frame that begins with `prefix` takes in all, when `left` bytes of the file are left from its beginning on.

@@ -18,6 +18,7 @@ use super::gap::{Cause, Gap};
 use super::health::{Condition, Health, Watch};
 use super::parts::Parts;
 use super::rows::Rows;
+use super::writer::FRAME_ROWS;
 use crate::StoreError;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -339,10 +340,8 @@ enum Ring {
     Closed,
 }
 
-/// Rows of a frame, at most.
-const FRAME_ROWS: usize = 8192;
-/// Rows that may wait for one sync, at most; in simulated time there are as many.
-const GROUP_ROWS: u64 = 16 * FRAME_ROWS as u64;
+/// Rows that may wait for one sync, at most; in simulated time there are as many. Of 64 channels they take 8 MiB.
+const GROUP_ROWS: u64 = 4 * FRAME_ROWS as u64;
 
 impl<R: Rows> Writing<R> {
     fn run(mut self) -> Result<(), StoreError> {

@@ -47,6 +47,7 @@ impl fmt::Display for Recovery {
                 )?;
             }
             (Some(record), None) => write!(f, "no row of it was on disk; {} is its empty record", record.display())?,
+            (None, _) if self.lost.is_empty() => write!(f, "its recording had not begun on disk")?,
             (None, _) => write!(f, "nothing of its recording is readable")?,
         }
         self.gaps.iter().try_for_each(|gap| write!(f, "; {gap}"))?;
@@ -219,10 +220,8 @@ impl DataDirectory {
 fn unreadable(folder: &Path) -> Result<Vec<(PathBuf, String)>, StoreError> {
     let mut found = Vec::new();
     for path in compact::paths(folder)? {
-        match compact::Part::open(&path) {
-            Err(StoreError::Damaged { path, what }) => found.push((path, what)),
-            Ok(_) => {}
-            Err(other) => return Err(other),
+        if let Err(what) = compact::Part::open_either(&path)? {
+            found.push((path, what));
         }
     }
     Ok(found)

@@ -35,6 +35,8 @@ impl Default for Options {
 
 /// Key of a segment's metadata: number of its first row in its recording.
 pub(crate) const FIRST_ROW: &str = "toolmark.first_row";
+/// Rows of a frame, at most.
+pub(crate) const FRAME_ROWS: usize = 8192;
 /// The column that tells the time of a row, when there is one.
 pub(crate) const TS: &str = "ts";
 
@@ -76,7 +78,11 @@ impl Writer {
         options: &Options,
     ) -> Result<Writer, StoreError> {
         let folder = path.parent().unwrap_or(Path::new("."));
-        std::fs::create_dir_all(folder).map_err(StoreError::io("create", folder))?;
+        if !folder.is_dir() {
+            std::fs::create_dir_all(folder).map_err(StoreError::io("create", folder))?;
+            // The name of the folder must last as well, or all that is in it is gone with it.
+            crate::whole_file::sync_folder_of(folder)?;
+        }
         let mut said: std::collections::HashMap<String, String> = metadata.clone().into_iter().collect();
         said.insert(FIRST_ROW.to_owned(), options.first_row.to_string());
         let schema = Arc::new(schema.as_ref().clone().with_metadata(said));
@@ -121,6 +127,12 @@ impl Writer {
     /// # Errors
     /// They are not of this segment's schema.
     pub fn append(&mut self, batch: &RecordBatch) -> Result<(), StoreError> {
+        if batch.num_rows() > FRAME_ROWS {
+            let pieces = (0..batch.num_rows()).step_by(FRAME_ROWS);
+            return pieces
+                .map(|at| batch.slice(at, FRAME_ROWS.min(batch.num_rows() - at)))
+                .try_for_each(|piece| self.append(&piece));
+        }
         if batch.num_rows() == 0 {
             return Ok(());
         }
@@ -250,7 +262,17 @@ impl Writer {
                 what: "the segment has ended".to_owned(),
             });
         }
-        frame::put(&mut self.waiting, self.seq, t_first, kind, fill)?;
+        if !frame::put(&mut self.waiting, self.seq, t_first, kind, fill)? {
+            // Dictionaries that went into it would be missing in the frames behind it.
+            self.ended = true;
+            return Err(StoreError::Unwritable {
+                path: self.path.clone(),
+                what: format!(
+                    "rows of more than {} MiB in one frame: give them in smaller batches",
+                    frame::LONGEST >> 20
+                ),
+            });
+        }
         self.seq += 1;
         Ok(())
     }
