@@ -116,9 +116,14 @@ pub fn open_data(root: &Path, common: &Common) -> Result<DataDirectory, Failure>
 /// # Errors
 /// The disk refuses.
 pub fn retain(directory: &mut DataDirectory, machine: &MachineFile, now: Timestamp) -> Result<(), Failure> {
-    for removal in directory.retain(&machine.retention, now).map_err(failure)? {
+    let retained = directory.retain(&machine.retention, now).map_err(failure)?;
+    for removal in &retained.removed {
         let (path, why) = (removal.record.path.display(), &removal.why);
         notice(&format!("{path} was removed, {why}; what its rows came to is kept"));
+    }
+    for (record, why) in &retained.left {
+        let path = record.path.display();
+        eprintln!("warning: {path} is too old, but what its rows come to cannot be kept, so it stays: {why}");
     }
     Ok(())
 }

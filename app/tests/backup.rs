@@ -39,7 +39,11 @@ fn a_backup_can_be_looked_into_and_comes_back_on_another_disk() {
     let told = ends(&toolmark(&["backup", &text("copy"), "--json"], &data), 0);
     assert_eq!((&told["problems"], &told["unchanged"]), (&serde_json::json!([]), &0.into()));
     let again = ends(&toolmark(&["backup", &text("copy"), "--json"], &data), 0);
-    assert_eq!((&again["copied"], &again["files"]), (&1.into(), &told["files"]), "the database alone");
+    assert_eq!(
+        (&again["copied"], &again["files"]),
+        (&1.into(), &told["files"]),
+        "the database alone"
+    );
 
     std::fs::remove_dir_all(&data).expect("the disk is gone");
     std::fs::remove_dir_all(place("elsewhere")).expect("and the other");
@@ -53,9 +57,16 @@ fn a_backup_can_be_looked_into_and_comes_back_on_another_disk() {
     }
     let refused = toolmark(&["run", &plate, "--fast", "--data", &text("copy")], &data);
     ends(&refused, 2);
-    assert!(words(&refused).contains("is a backup and stays as it is"), "{}", words(&refused));
+    assert!(
+        words(&refused).contains("is a backup and stays as it is"),
+        "{}",
+        words(&refused)
+    );
 
-    let restored = ends(&toolmark(&["restore", &text("copy"), "--data", &text("back"), "--json"], &data), 0);
+    let restored = ends(
+        &toolmark(&["restore", &text("copy"), "--data", &text("back"), "--json"], &data),
+        0,
+    );
     assert_eq!(restored["verified"], true);
     ends(&toolmark(&["trace", "verify", &text("back")], &data), 0);
     ends(&toolmark(&["run", &plate, "--fast", "--data", &text("back")], &data), 0);
@@ -67,6 +78,10 @@ fn a_backup_can_be_looked_into_and_comes_back_on_another_disk() {
     std::fs::remove_file(place("copy/jobs/000001/report.html")).expect("removed");
     let missing = toolmark(&["restore", &text("copy"), "--data", &text("new")], &data);
     ends(&missing, 3);
-    assert!(words(&missing).contains("jobs/000001/report.html is missing"), "{}", words(&missing));
+    assert!(
+        words(&missing).contains("jobs/000001/report.html is missing"),
+        "{}",
+        words(&missing)
+    );
     assert!(!place("new").exists());
 }

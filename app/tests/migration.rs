@@ -25,7 +25,9 @@ fn words(output: &Output) -> String {
 
 fn version_of(path: &Path) -> i64 {
     let connection = Connection::open(path).expect("opens");
-    connection.pragma_query_value(None, "user_version", |row| row.get(0)).expect("asks")
+    connection
+        .pragma_query_value(None, "user_version", |row| row.get(0))
+        .expect("asks")
 }
 
 fn an_old_directory() -> tempfile::TempDir {
@@ -36,13 +38,22 @@ fn an_old_directory() -> tempfile::TempDir {
     connection.pragma_update(None, "application_id", 0x544d_524b).expect("set");
     let mut chain = ledger::Chain::default();
     let mut put = |kind: &str, at: i64, detail: serde_json::Value| {
-        let serde_json::Value::Object(detail) = detail else { panic!("a map") };
+        let serde_json::Value::Object(detail) = detail else {
+            panic!("a map")
+        };
         let event = chain.append(units::Timestamp(at), kind, detail.into_iter().collect());
         let detail = serde_json::to_string(&event.detail).expect("JSON");
         connection
             .execute(
                 "INSERT INTO events VALUES (0, ?1, ?2, ?3, ?4, ?5, ?6)",
-                rusqlite::params![event.sequence as i64, event.at_ns, event.kind, detail, event.previous, event.hash],
+                rusqlite::params![
+                    event.sequence as i64,
+                    event.at_ns,
+                    event.kind,
+                    detail,
+                    event.previous,
+                    event.hash
+                ],
             )
             .expect("an event");
     };
@@ -67,7 +78,11 @@ fn an_older_directory_is_read_as_it_is_and_migrated_after_a_copy_by_who_works_in
         assert_eq!(output.status.code(), Some(0), "{verb}: {}", words(&output));
     }
     assert!(words(&toolmark(&["trace", "list"], data.path())).contains("old.nc"));
-    assert_eq!(std::fs::read(&database).expect("reads"), before, "who only looks changes nothing");
+    assert_eq!(
+        std::fs::read(&database).expect("reads"),
+        before,
+        "who only looks changes nothing"
+    );
 
     let plate = format!("{}/../corpus/plate.nc", env!("CARGO_MANIFEST_DIR"));
     let output = toolmark(&["run", &plate, "--fast"], data.path());
@@ -98,7 +113,11 @@ fn a_newer_directory_is_refused_with_3_and_left_as_it_is() {
     ] {
         let output = toolmark(args, data.path());
         assert_eq!(output.status.code(), Some(3), "{args:?}: {}", words(&output));
-        assert!(words(&output).contains("has schema 99, this program knows up to"), "{}", words(&output));
+        assert!(
+            words(&output).contains("has schema 99, this program knows up to"),
+            "{}",
+            words(&output)
+        );
     }
     assert_eq!(std::fs::read(&database).expect("reads"), before);
     assert!(!to.exists());

@@ -6,6 +6,7 @@
 //! jobs/<job>/                             what a job wrote: as-executed program, report
 //! records/<machine>/<yyyy-mm-dd>/*.parquet  records
 //! segments/                               records in the making
+//! rollups/<hash of record>.rollup         what the records come to, kept when their rows are removed
 //! outside/<hash>/<name>                   in backups and what was restored from them: files of jobs that wrote elsewhere
 //! lock                                    held by the one process that works here
 //! server.json                             where that process can be talked to

@@ -45,7 +45,7 @@ pub use kept::KeptFile;
 pub use machine_file::{MachineFile, MachineKind};
 pub use range::{Piece, Range, Rest, RolledUp, Rows};
 pub use registers::Register;
-pub use retention::{Removal, Retention};
+pub use retention::{Removal, Retained, Retention};
 pub use server_notice::ServerNotice;
 pub use sources::{Of, Span};
 pub use table::Table;

@@ -47,6 +47,15 @@ pub struct Removal {
     pub why: String,
 }
 
+/// What a call of [`DataDirectory::retain`] came to.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Retained {
+    /// What was removed.
+    pub removed: Vec<Removal>,
+    /// Records that are to go and stay, because what their rows come to cannot be kept: damaged, or taken away by hand. With the reason.
+    pub left: Vec<(CatalogueRow, String)>,
+}
+
 /// Above this part of the quota the oldest records go.
 const FULL: f64 = 0.8;
 const DAY_NS: f64 = 86_400e9;
@@ -56,12 +65,12 @@ impl DataDirectory {
     /// removed. Also ends what an earlier call began.
     ///
     /// # Errors
-    /// The disk refuses, or a record cannot be rolled up; what was removed until then is told by the log.
-    pub fn retain(&mut self, retention: &Retention, now: Timestamp) -> Result<Vec<Removal>, StoreError> {
+    /// The disk refuses; what was removed until then is told by the log.
+    pub fn retain(&mut self, retention: &Retention, now: Timestamp) -> Result<Retained, StoreError> {
         self.must_hold()?;
-        let mut removals = Vec::new();
+        let mut retained = Retained::default();
         for record in self.marked_removals()? {
-            removals.push(self.remove_marked(record, now)?);
+            retained.removed.push(self.remove_marked(record, now)?);
         }
         let oldest_ns = now.0 as f64 - retention.raw_days * DAY_NS;
         let limit = retention.quota_bytes.map(|quota| (quota as f64 * FULL) as u64);
@@ -77,11 +86,19 @@ impl DataDirectory {
             } else {
                 continue;
             };
+            // A record that cannot be rolled up must not keep others from going, or a machine from recording.
+            let rollup = match self.roll_up(&record) {
+                Ok(rollup) => rollup,
+                Err(error) => {
+                    retained.left.push((record, error.to_string()));
+                    continue;
+                }
+            };
             taken = taken.saturating_sub(record.bytes);
-            self.mark(&record, &why, now)?;
-            removals.push(self.remove_marked(record, now)?);
+            self.mark(&record, rollup.as_deref(), &why, now)?;
+            retained.removed.push(self.remove_marked(record, now)?);
         }
-        Ok(removals)
+        Ok(retained)
     }
 
     /// Records that retention has removed, oldest first.
@@ -183,12 +200,11 @@ impl DataDirectory {
         Ok(records)
     }
 
-    /// Step 1. When this returns, the roll-up is whole, and the file may go.
-    fn mark(&mut self, record: &CatalogueRow, why: &str, now: Timestamp) -> Result<(), StoreError> {
-        let rollup = match self.roll_up(record)? {
-            Some(path) => Some(hash_of_file(&path)?.to_string()),
-            None => None,
-        };
+    /// Step 1, after the roll-up was made or found whole. When this returns, the file may go.
+    fn mark(&mut self, record: &CatalogueRow, rollup: Option<&Path>, why: &str, now: Timestamp) -> Result<(), StoreError> {
+        let rollup = rollup
+            .map(|path| hash_of_file(path).map(|hash| hash.to_string()))
+            .transpose()?;
         self.in_transaction(|transaction, chain| {
             let mut detail = detail_of(record);
             detail.insert("why".to_owned(), Value::from(why));
@@ -305,19 +321,23 @@ mod tests {
         for file_went in [false, true] {
             let folder = tempfile::tempdir().expect("a folder");
             let (mut directory, row) = with_an_old_record(folder.path());
-            directory.mark(&row, "it is old", NOW).expect("marked");
+            let rollup = directory.roll_up(&row).expect("made");
+            directory.mark(&row, rollup.as_deref(), "it is old", NOW).expect("marked");
             if file_went {
                 std::fs::remove_file(&row.path).expect("removed");
             }
             let mut directory = reopened(directory, folder.path());
             assert_eq!(directory.verify().expect("verifies"), []);
             assert_eq!(directory.removals().expect("reads"), []);
-            let removed = directory.retain(&Retention::default(), NOW).expect("goes on");
+            let removed = directory.retain(&Retention::default(), NOW).expect("goes on").removed;
             assert_eq!(removed.iter().map(|r| r.why.as_str()).collect::<Vec<_>>(), ["it is old"]);
             assert!(!row.path.exists());
             let mut directory = reopened(directory, folder.path());
             assert_eq!(directory.verify().expect("verifies"), []);
-            assert_eq!(directory.retain(&Retention::default(), NOW).expect("done"), []);
+            assert_eq!(
+                directory.retain(&Retention::default(), NOW).expect("done"),
+                Retained::default()
+            );
         }
     }
 
@@ -325,12 +345,29 @@ mod tests {
     fn a_hold_withdraws_a_removal_that_has_not_taken_the_file() {
         let folder = tempfile::tempdir().expect("a folder");
         let (mut directory, row) = with_an_old_record(folder.path());
-        directory.mark(&row, "it is old", NOW).expect("marked");
+        let rollup = directory.roll_up(&row).expect("made");
+        directory.mark(&row, rollup.as_deref(), "it is old", NOW).expect("marked");
         let mut directory = reopened(directory, folder.path());
         directory.hold_job(row.job, "Maria", "the part came back", NOW).expect("held");
-        assert_eq!(directory.retain(&Retention::default(), NOW).expect("nothing"), []);
+        assert_eq!(
+            directory.retain(&Retention::default(), NOW).expect("nothing"),
+            Retained::default()
+        );
         assert!(row.path.exists());
         assert_eq!(directory.verify().expect("verifies"), []);
+    }
+
+    #[test]
+    fn a_damaged_record_stays_and_keeps_no_other_from_going() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (mut directory, row) = with_an_old_record(folder.path());
+        std::fs::remove_file(directory.rollup_path(&row)).expect("removed");
+        std::fs::write(&row.path, "PAR1").expect("damaged");
+        let retained = directory.retain(&Retention::default(), NOW).expect("goes on");
+        assert_eq!(retained.removed, []);
+        assert_eq!(retained.left.len(), 1);
+        assert!(retained.left[0].1.contains("is damaged or cut"), "{}", retained.left[0].1);
+        assert!(row.path.exists());
     }
 
     #[test]

@@ -207,6 +207,25 @@ impl DataDirectory {
         Ok(sources)
     }
 
+    /// From the first row to the last one that there is; `None` without rows.
+    ///
+    /// # Errors
+    /// The disk refuses, or a file is damaged.
+    pub fn extent(&self, of: Of<'_>) -> Result<Option<Span>, StoreError> {
+        let records = self.records_with_rows(of, i64::MIN, i64::MAX)?;
+        let mut spans: Vec<(i64, i64)> = records.iter().filter_map(|record| record.span_us).collect();
+        for job in self.jobs_in_the_making(of)? {
+            spans.extend(self.parts_of(job)?.iter().map(Source::span_us));
+        }
+        let at = |us: i64| Timestamp(us.saturating_mul(1000));
+        let first = spans.iter().map(|s| s.0).min();
+        let last = spans.iter().map(|s| s.1).max();
+        Ok(first.zip(last).map(|(first, last)| Span {
+            from: at(first),
+            to: at(last.saturating_add(1)),
+        }))
+    }
+
     /// Jobs with a recording that is no catalogued record yet.
     fn jobs_in_the_making(&self, of: Of<'_>) -> Result<Vec<JobId>, StoreError> {
         let mut jobs = match of {

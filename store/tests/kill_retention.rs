@@ -12,7 +12,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use store::record::{Header, Reader, Writer};
-use store::{DataDirectory, Ending, JobId, NewJob, Of, Piece, Retention, Span};
+use store::{DataDirectory, Ending, JobId, NewJob, Of, Piece, Retained, Retention, Span};
 use units::{Tick, Timestamp};
 
 const DIRECTORY: &str = "STORE_TEST_KILLED_RETENTION";
@@ -66,7 +66,7 @@ fn child() {
                 println!("\nheld {job}");
             }
         }
-        for removal in directory.retain(&Retention::default(), NOW).expect("retained") {
+        for removal in directory.retain(&Retention::default(), NOW).expect("retained").removed {
             println!("\nremoved {}", removal.record.job);
         }
     }
@@ -146,7 +146,10 @@ fn check(path: &Path, held: &BTreeSet<i64>, removed: &BTreeSet<i64>) {
     }
     // What was begun is ended, once.
     directory.retain(&Retention::default(), NOW).expect("goes on");
-    assert_eq!(directory.retain(&Retention::default(), NOW).expect("nothing left"), []);
+    assert_eq!(
+        directory.retain(&Retention::default(), NOW).expect("nothing left"),
+        Retained::default()
+    );
     assert_eq!(directory.verify().expect("verifies"), []);
     let on_hold: BTreeSet<i64> = directory.holds().expect("reads").iter().map(|h| h.job.0).collect();
     assert!(on_hold.is_superset(held), "a hold that was told is kept");

@@ -179,6 +179,8 @@ proptest! {
         let folder = tempfile::tempdir().expect("a folder");
         let (directory, jobs, rows) = machine_with_history(folder.path(), seed, &sizes);
         let (Some(first), Some(last)) = (rows.first(), rows.last()) else { return Ok(()) };
+        let extent = directory.extent(Of::Machine(MACHINE)).expect("reads");
+        prop_assert_eq!(extent, Some(Span { from: micros(first.at_us), to: micros(last.at_us + 1) }));
         for (a, b, pixels) in spans {
             let at = |part: f64| first.at_us + (part * (last.at_us - first.at_us + 1) as f64) as i64;
             let (from, to) = (at(a.min(b)), at(a.max(b)) + 1);
@@ -579,14 +581,14 @@ fn old_rows_go_and_what_they_came_to_stays() {
     let (mut directory, jobs, now) = aged(folder.path());
     let before = directory.workingstep_statistics(jobs[0], &[LOAD]).expect("told");
     let bytes: u64 = directory.records().expect("reads").iter().map(|r| r.bytes).sum();
-    let removed = directory.retain(&Retention::default(), now).expect("retained");
+    let removed = directory.retain(&Retention::default(), now).expect("retained").removed;
     assert_eq!(removed.iter().map(|r| r.record.job).collect::<Vec<_>>(), jobs[..2]);
     assert_eq!(removed[0].why, "its last row is more than 90 days old");
     assert_eq!(directory.removals().expect("reads"), removed);
     assert!(removed.iter().all(|r| !r.record.path.exists()));
     assert_eq!(directory.records().expect("reads").len(), 3, "the catalogue keeps them");
     assert_eq!(directory.verify().expect("verifies"), []);
-    assert_eq!(directory.retain(&Retention::default(), now).expect("again"), []);
+    assert_eq!(directory.retain(&Retention::default(), now).expect("again").removed, []);
 
     assert_eq!(directory.workingstep_statistics(jobs[0], &[LOAD]).expect("told"), before);
     assert_eq!(
@@ -650,7 +652,7 @@ fn a_job_on_hold_or_running_keeps_its_rows() {
         Err(StoreError::HeldAlready(_))
     ));
     assert_eq!(directory.holds().expect("reads"), [hold]);
-    let removed = directory.retain(&Retention::default(), now).expect("retained");
+    let removed = directory.retain(&Retention::default(), now).expect("retained").removed;
     assert_eq!(removed.iter().map(|r| r.record.job).collect::<Vec<_>>(), [jobs[1]]);
     assert_eq!(directory.verify().expect("verifies"), []);
     directory
@@ -660,7 +662,7 @@ fn a_job_on_hold_or_running_keeps_its_rows() {
         directory.release_job(jobs[0], "Maria", "again", now),
         Err(StoreError::NotHeld(_))
     ));
-    let removed = directory.retain(&Retention::default(), now).expect("retained");
+    let removed = directory.retain(&Retention::default(), now).expect("retained").removed;
     assert_eq!(removed.iter().map(|r| r.record.job).collect::<Vec<_>>(), [jobs[0]]);
     assert_eq!(directory.verify().expect("verifies"), []);
     assert!(path.exists(), "an open job keeps its rows");
@@ -675,7 +677,7 @@ fn above_four_fifths_of_the_quota_the_oldest_go() {
         raw_days: 1000.0,
         quota_bytes,
     };
-    assert_eq!(directory.retain(&patient(None), young).expect("retained"), []);
+    assert_eq!(directory.retain(&patient(None), young).expect("retained").removed, []);
     assert_eq!(directory.retain(&patient(Some(1 << 40)), young).expect("retained"), []);
     let taken: u64 = directory.records().expect("reads").iter().map(|r| r.bytes).sum();
     // The database and its log count as well; they alone are more than this.
@@ -697,6 +699,6 @@ fn a_record_that_was_asked_for_elsewhere_is_not_ours_to_remove() {
     directory.catalogue(job, &finished, START).expect("catalogued");
     directory.end_job(job, START, Ending::Done).expect("ends");
     let now = Timestamp(START.0 + 1000 * DAY_NS);
-    assert_eq!(directory.retain(&Retention::default(), now).expect("retained"), []);
+    assert_eq!(directory.retain(&Retention::default(), now).expect("retained").removed, []);
     assert!(path.exists());
 }

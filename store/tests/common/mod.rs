@@ -102,7 +102,7 @@ pub fn populate(root: &Path, outside: &Path) {
     let later = Timestamp(START.0 + 2 * 86_400_000_000_000);
     let removed = directory.retain(&retention, later).expect("removed");
     // The first is on hold, the last is not in the directory.
-    assert_eq!(removed.iter().map(|r| r.record.job).collect::<Vec<_>>(), [JobId(2)]);
+    assert_eq!(removed.removed.iter().map(|r| r.record.job).collect::<Vec<_>>(), [JobId(2)]);
 }
 
 /// Every file below a folder, by its path in it.
