@@ -103,6 +103,16 @@ pub(crate) struct Row {
 /// Puts rows in order and makes a track of them.
 pub(crate) fn track_of(mut rows: Vec<Row>, unit: Option<LengthUnit>, file: &str, diagnostics: &mut Diagnostics) -> Track {
     let scale = unit.unwrap_or_default().in_mm();
+    let before = rows.len();
+    // 1e308 inches are no number of millimetres.
+    rows.retain(|row| row.position.is_none_or(|p| p.iter().all(|c| (c * scale).is_finite())));
+    if rows.len() < before {
+        let message = format!(
+            "{} rows are too far away to be a position; they were left out",
+            before - rows.len()
+        );
+        diagnostics.add(Diagnostic::warning("bad-position", message).in_file(file));
+    }
     let key = |row: &Row| (row.instance, row.sequence);
     let numbered = rows.iter().all(|row| row.sequence > 0);
     let disorder = if numbered {

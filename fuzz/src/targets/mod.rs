@@ -1,0 +1,8 @@
+//! One file for each reader.
+
+pub mod gcode;
+pub mod mtconnect_shdr;
+pub mod mtconnect_streams;
+pub mod mtconnect_text;
+pub mod part21;
+pub mod stepnc;
