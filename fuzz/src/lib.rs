@@ -12,6 +12,9 @@ pub type Target = (&'static str, fn(&[u8]));
 /// The readers.
 pub const TARGETS: &[Target] = &[
     ("gcode", targets::gcode::run),
+    ("mtconnect_client", targets::mtconnect_client::run),
+    ("mtconnect_document", targets::mtconnect_document::run),
+    ("mtconnect_http", targets::mtconnect_http::run),
     ("mtconnect_shdr", targets::mtconnect_shdr::run),
     ("mtconnect_streams", targets::mtconnect_streams::run),
     ("mtconnect_text", targets::mtconnect_text::run),

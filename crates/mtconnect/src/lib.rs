@@ -8,6 +8,7 @@
 //! Read on: [`recording`] for the one entry that tells the forms apart, [`streams`] for the XML, [`track`] for how observations become
 //! places, [`text`] for the plain form (reading and writing), [`shdr`] for adapter logs.
 
+pub mod client;
 pub mod instant;
 mod place;
 pub mod recording;

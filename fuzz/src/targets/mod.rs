@@ -1,6 +1,9 @@
 //! One file for each reader.
 
 pub mod gcode;
+pub mod mtconnect_client;
+pub mod mtconnect_document;
+pub mod mtconnect_http;
 pub mod mtconnect_shdr;
 pub mod mtconnect_streams;
 pub mod mtconnect_text;
