@@ -103,6 +103,7 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
         cause: match g.cause {
             GapCause::Unavailable => "the agent said UNAVAILABLE".to_owned(),
             GapCause::Silent => "nothing was told".to_owned(),
+            GapCause::Lost => "the recorder could not have it".to_owned(),
         },
     };
     let recording = Recording {
