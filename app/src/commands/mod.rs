@@ -6,6 +6,7 @@ pub mod demo;
 pub mod inspect;
 pub mod plan;
 pub mod rebuild;
+pub mod record;
 pub mod run;
 
 use crate::failure::{Exit, Failure};

@@ -131,18 +131,7 @@ pub(crate) fn read_text(
             continue;
         }
         seen = true;
-        let words: Vec<&str> = content.split_whitespace().collect();
-        let row = match words[..] {
-            ["UNAVAILABLE", dt, sequence] => nanoseconds(dt).zip(sequence.parse().ok()).map(|(dt, s)| (None, dt, s)),
-            [x, y, z, dt, sequence] => number(x)
-                .zip(number(y))
-                .zip(number(z))
-                .zip(nanoseconds(dt))
-                .zip(sequence.parse().ok())
-                .map(|((((x, y), z), dt), s)| (Some([x, y, z]), dt, s)),
-            _ => None,
-        };
-        let Some((position, dt, sequence)) = row else {
+        let Some((dt, sequence, position)) = row(content) else {
             let shown: String = content.chars().take(60).collect();
             let message = format!(
                 "\"{shown}\" is no row: `x y z dt_seconds sequence` or `UNAVAILABLE dt_seconds sequence` was expected; it was left out"
@@ -177,6 +166,21 @@ pub(crate) fn read_text(
     track.start_stated = head.start.is_some();
     track.source = head.source;
     track
+}
+
+/// A row: the time since the one before in nanoseconds, the sequence number, and the place in the recording's unit; `None` there when
+/// nothing is known. `None` for a line that is no row.
+pub fn row(line: &str) -> Option<(i128, u64, Option<[f64; 3]>)> {
+    let mut words = line.split_whitespace();
+    let mut next = || words.next();
+    let first = next()?;
+    let position = if first == "UNAVAILABLE" {
+        None
+    } else {
+        Some([number(first)?, number(next()?)?, number(next()?)?])
+    };
+    let (dt, sequence) = (nanoseconds(next()?)?, next()?.parse().ok()?);
+    next().is_none().then_some((dt, sequence, position))
 }
 
 struct Head {

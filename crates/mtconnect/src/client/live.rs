@@ -23,7 +23,7 @@ pub struct Place {
 }
 
 /// Makes places of observations.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct LivePlaces {
     /// As [`LivePlaces::choose`] gave it to the process before.
     wanted: Option<String>,

@@ -343,9 +343,15 @@ impl Client {
         };
     }
 
-    /// Where the recording goes on; `None` before the agent's buffer is known.
+    /// Where the recording goes on; `None` before the agent's buffer is known. Before a gap whose end has not come yet: such a gap was
+    /// not given out.
     pub fn position(&self) -> Option<Position> {
-        self.position
+        let before_gap = self.open_gaps.first().map(|gap| Position {
+            instance: gap.instance,
+            next: gap.from_sequence,
+            last: gap.from,
+        });
+        before_gap.or(self.position)
     }
 
     /// What is observed.
