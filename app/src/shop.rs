@@ -79,9 +79,20 @@ pub fn open_data(root: &Path) -> Result<DataDirectory, Failure> {
     let words: Vec<String> = std::env::args().take(2).collect();
     let holder = format!("toolmark {}", words.get(1).map_or("", String::as_str));
     let mut directory = DataDirectory::open(root, holder.trim()).map_err(failure)?;
-    for interrupted in directory.interrupted_jobs().map_err(failure)? {
+    let left = directory.recover_interrupted().map_err(failure)?;
+    for (job, recovery) in left.of_jobs_over {
+        match recovery {
+            Ok(recovery) => eprintln!("notice: job {job} could not keep its recording when it ended; {recovery}"),
+            Err(error) => eprintln!("warning: job {job} left a recording, and no record could be made of it yet: {error}"),
+        }
+    }
+    for interrupted in left.interrupted {
         eprintln!("notice: {interrupted}");
         let job = &interrupted.job;
+        if interrupted.not_recovered.is_some() {
+            // It stays on the list, and its recording where it is, until there is room for a record of it.
+            continue;
+        }
         let last = interrupted.last_event.as_ref().map_or(job.start, ledger::Event::at);
         // Said once: from here on the job is over.
         directory.end_job(job.id, last, Ending::Interrupted).map_err(failure)?;

@@ -39,6 +39,17 @@ impl DataDirectory {
     /// # Errors
     /// There is no such job, or the disk refuses. The file is whole in any case and can be put in later.
     pub fn catalogue(&mut self, job: JobId, record: &Finished, at: Timestamp) -> Result<CatalogueRow, StoreError> {
+        self.catalogue_with(job, record, at, None)
+    }
+
+    /// The same, with another event before it in the same transaction.
+    pub(crate) fn catalogue_with(
+        &mut self,
+        job: JobId,
+        record: &Finished,
+        at: Timestamp,
+        before: Option<(&str, BTreeMap<String, Value>)>,
+    ) -> Result<CatalogueRow, StoreError> {
         let machine = self.job(job)?.machine;
         let path = self.path_to_text(&record.path)?;
         self.in_transaction(|transaction, chain| {
@@ -67,6 +78,9 @@ impl DataDirectory {
                     previous
                 ],
             )?;
+            if let Some((kind, detail)) = before {
+                insert_event(transaction, Log::Directory, &chain.append(at, kind, detail))?;
+            }
             // The event holds the whole row, so that a changed row is found by the chain.
             let row = transaction.query_row("SELECT * FROM records WHERE sequence = ?1", [sequence], detail_of)?;
             let event = chain.append(at, "record-catalogued", row);

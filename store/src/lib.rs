@@ -1,14 +1,14 @@
 //! The house's disk: the data directory with its lock and its SQLite file, the record files, and the machine file.
 //!
-//! This is the light part of the shell: it opens files, but no socket and no clock; times come from the caller, so that a simulated run
-//! writes the same bytes every time. It keeps what `ledger` makes and invents no events of its own hand: every row that matters is
-//! told by an event of the chain, and [`DataDirectory::verify`] holds the two against each other.
+//! This is the light part of the shell: it opens files and starts the thread that writes a recording, but opens no socket and asks no
+//! clock what time it is; times come from the caller, so that a simulated run writes the same bytes every time. It keeps what `ledger`
+//! makes: every row that matters is told by an event of the chain, and [`DataDirectory::verify`] holds the two against each other.
 //!
-//! Read on: [`DataDirectory`] for the folder, its lock, jobs, events and process values; [`record`] for Parquet records of samples;
-//! [`trajectory`] for planned set-points; [`machine_file`] for `machine.toml`; [`registers`] for the paths of offsets.
+//! Read on: [`DataDirectory`] for the folder, its lock, jobs, events and process values; [`segment`] for recordings in the making, where
+//! what is acknowledged is on disk; [`record`] for Parquet records of samples and [`Table`] for any others; [`trajectory`] for planned
+//! set-points; [`machine_file`] for `machine.toml`; [`registers`] for the paths of offsets.
 //!
-//! Not here yet: append-only segments with group commit, retention, roll-ups. A record is written to its Parquet file directly, and
-//! what a crash leaves of it is an unfinished `.tmp` file that nothing refers to.
+//! Not here yet: retention, roll-ups.
 
 mod catalogue;
 mod directory;
@@ -19,6 +19,8 @@ pub mod machine_file;
 pub mod record;
 pub mod registers;
 mod schema;
+pub mod segment;
+mod table;
 pub mod trajectory;
 mod verify;
 mod whole_file;
@@ -27,7 +29,8 @@ pub use catalogue::CatalogueRow;
 pub use directory::{DataDirectory, data_directory_path};
 pub use error::StoreError;
 pub use events::Log;
-pub use jobs::{Ending, Interrupted, Job, JobId, JobState, NewJob};
+pub use jobs::{Ending, Interrupted, Job, JobId, JobState, Left, NewJob};
 pub use machine_file::{MachineFile, MachineKind};
 pub use registers::Register;
+pub use table::Table;
 pub use verify::Finding;

@@ -34,6 +34,13 @@ const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
         200,
     ),
     (
+        "recording",
+        "store",
+        "a_recording_killed_at_any_moment_has_every_acknowledged_row_once",
+        "KILLS",
+        200,
+    ),
+    (
         "blocks",
         "motion",
         "a_long_program_passes_through_a_bounded_window",
@@ -51,7 +58,7 @@ fn main() -> ExitCode {
         _ => {
             eprintln!("usage: cargo xtask licences | cargo xtask soak NAME | cargo xtask fuzz NAME|all --seconds N\nsoaks:");
             for (name, package, test, _, count) in SOAKS {
-                eprintln!("  {name:8} {package}::{test}, {count} times");
+                eprintln!("  {name:9} {package}::{test}, {count} times");
             }
             ExitCode::from(2)
         }

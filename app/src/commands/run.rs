@@ -80,6 +80,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             "text": done.outcome.ended.text(),
             "machine_time_s": done.outcome.time.0,
             "rows": done.record.rows,
+            "gaps": done.gaps,
             "digest": done.outcome.digest.to_string(),
             "folder": done.folder,
             "checks": all,
@@ -94,6 +95,9 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             minutes(done.outcome.time.0),
             done.record.rows
         ));
+        for gap in &done.gaps {
+            say(&format!("warning: the record has a gap: {gap}"));
+        }
         report::print(&done.rebuild.report, common.units);
         let folder = done.folder.display();
         say(&format!(

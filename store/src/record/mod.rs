@@ -8,9 +8,11 @@
 //! [`Writer`] makes one, [`Reader`] opens one, ours or one that only looks like it.
 
 mod reader;
-mod schema;
-mod writer;
+pub(crate) mod rows;
+pub(crate) mod schema;
+pub(crate) mod writer;
 
 pub use reader::{Batch, Column, Reader, Row};
+pub use rows::SampleRows;
 pub use schema::Header;
 pub use writer::{Finished, Writer};
