@@ -168,10 +168,10 @@ pub struct RunArgs {
 pub struct RecordArgs {
     /// The agent: http://HOST:PORT, with /DEVICE behind it for one device; a whole sample query works too.
     pub url: String,
-    /// Where to, by ending: .txt one position a line, .parquet every observation. A recording that is there already is continued.
-    /// Without --out everything goes into the data directory.
+    /// Where to, by ending: .txt one position a line, .parquet every observation. A .txt that is there already is continued, and so is
+    /// a .parquet whose recorder was killed.
     #[arg(long, value_name = "F")]
-    pub out: Option<PathBuf>,
+    pub out: PathBuf,
     /// Which data items, as the agent understands it: //DataItem[@type="PATH_POSITION"] [default: all].
     #[arg(long, value_name = "XPATH")]
     pub path: Option<String>,

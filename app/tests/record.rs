@@ -63,6 +63,26 @@ fn rows_of(file: &Path) -> Vec<(u64, i64, String)> {
     rows
 }
 
+/// What a Parquet recording says: positions as above, all rows, gaps.
+fn table_of(file: &Path) -> (Vec<(u64, i64, String)>, usize, Vec<u64>) {
+    let table = store::Table::open(file).expect("a table of ours");
+    let (mut positions, mut all, mut gaps) = (vec![], 0, vec![]);
+    for batch in table.batches().expect("rows") {
+        for row in store::observations::rows(&batch.expect("rows")).expect("observations") {
+            if row.texts[9] == store::observations::GAP {
+                gaps.push(row.sequence);
+                continue;
+            }
+            all += 1;
+            if row.texts[7] == "PathPosition" {
+                let text = row.text.map_or("UNAVAILABLE".to_owned(), |t| t.into_owned());
+                positions.push((row.sequence, row.at.0, text));
+            }
+        }
+    }
+    (positions, all, gaps)
+}
+
 /// Numbers are written as short as they can be: `5.50` is `5.5`.
 fn as_written(mut rows: Vec<(u64, i64, String)>) -> Vec<(u64, i64, String)> {
     for (_, _, text) in &mut rows {
@@ -369,20 +389,24 @@ fn a_full_disk_is_said_and_recording_goes_on_when_space_returns() {
     }
 }
 
+/// Samples, feed runs and rapid runs of a recording.
+#[track_caller]
+fn rebuilt(recording: &Path) -> (Json, Json, Json) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = Command::new(env!("CARGO_BIN_EXE_toolmark"))
+        .args(["rebuild", "--no-plan", "--json", "--out"])
+        .arg(folder.path().join("out.stpnc"))
+        .arg(recording)
+        .output()
+        .expect("started");
+    assert_eq!(output.status.code(), Some(0), "{}", both(&output));
+    let told: Json = serde_json::from_slice(&output.stdout).expect("JSON");
+    (told["samples"].clone(), told["feed_runs"].clone(), told["rapid_runs"].clone())
+}
+
 #[test]
 fn what_is_recorded_is_rebuilt_like_the_agents_own_document() {
     let folder = tempfile::tempdir().expect("a folder");
-    let rebuilt = |recording: &Path| {
-        let output = Command::new(env!("CARGO_BIN_EXE_toolmark"))
-            .args(["rebuild", "--no-plan", "--json", "--out"])
-            .arg(folder.path().join("out.stpnc"))
-            .arg(recording)
-            .output()
-            .expect("started");
-        assert_eq!(output.status.code(), Some(0), "{}", both(&output));
-        let told: Json = serde_json::from_slice(&output.stdout).expect("JSON");
-        (told["samples"].clone(), told["feed_runs"].clone(), told["rapid_runs"].clone())
-    };
     for recording in std::iter::once(own_recording()).chain(moldy()) {
         let xml = folder.path().join("recording.xml");
         std::fs::write(&xml, &recording).expect("written");
@@ -397,6 +421,84 @@ fn what_is_recorded_is_rebuilt_like_the_agents_own_document() {
             assert_eq!(rebuilt(&xml), (11520.into(), 33.into(), 34.into()));
         }
     }
+}
+
+/// Waits until the agent has told everything, and a little longer for the recorder to hear of it: its own answer says what it has.
+fn record_all_into_parquet(recorder: &mut Recorder, agent: &Agent, last: u64) -> Json {
+    recorder.start(&agent.url());
+    let began = Instant::now();
+    let folder = PathBuf::from(format!("{}.recording", recorder.file.display()));
+    let last_kept = || {
+        let paths = std::fs::read_dir(&folder).into_iter().flatten().flatten().map(|e| e.path());
+        let mut paths: Vec<PathBuf> = paths.filter(|p| p.extension().is_some_and(|e| e == "segment")).collect();
+        paths.sort();
+        let rows = paths.iter().filter_map(|p| store::segment::read(p).ok()).filter_map(|found| {
+            let batch = found.batches().ok()?.flatten().last()?;
+            store::observations::rows(&batch).ok()?.pop().map(|row| row.sequence)
+        });
+        rows.last()
+    };
+    while last_kept() != Some(last) {
+        assert!(
+            began.elapsed() < Duration::from_secs(120),
+            "{last} never came: {:?}",
+            last_kept()
+        );
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    recorder.stop()
+}
+
+#[test]
+fn a_parquet_recording_holds_every_observation_and_is_rebuilt_like_the_agents_own_document() {
+    for recording in std::iter::once(own_recording()).chain(moldy()) {
+        let all = read_streams(&recording, "f").observations;
+        let last = all.iter().map(|o| o.sequence).max().expect("some");
+        let agent = Agent::start(&recording, Script::at_speed(1000.0));
+        let mut recorder = Recorder::into("record.parquet");
+        let told = record_all_into_parquet(&mut recorder, &agent, last);
+        assert_eq!(told["observations"].as_u64(), Some(all.len() as u64));
+        let (had, rows, gaps) = table_of(&recorder.file);
+        assert_eq!((had, rows, gaps), (positions(&recording), all.len(), vec![]));
+        let xml = recorder.folder.path().join("recording.xml");
+        std::fs::write(&xml, &recording).expect("written");
+        assert_eq!(rebuilt(&recorder.file), rebuilt(&xml));
+    }
+}
+
+#[test]
+fn a_killed_recorder_of_parquet_goes_on_where_it_was() {
+    let recording = own_recording();
+    let all = read_streams(&recording, "f").observations;
+    let last = all.iter().map(|o| o.sequence).max().expect("some");
+    let agent = Agent::start(
+        &recording,
+        Script {
+            restart_at: None,
+            ..Script::at_speed(20.0)
+        },
+    );
+    let mut recorder = Recorder::into("record.parquet");
+    for kill in 1..=4 {
+        recorder.start(&agent.url());
+        while agent.next() < last * kill / 6 {
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        // Anywhere in its work.
+        std::thread::sleep(Duration::from_millis(100 * kill));
+        recorder.signal("KILL");
+        recorder.child.take().expect("it ran").wait().expect("an end");
+    }
+    record_all_into_parquet(&mut recorder, &agent, last);
+    let (had, rows, gaps) = table_of(&recorder.file);
+    assert_eq!((had, rows, gaps), (positions(&recording), all.len(), vec![]));
+    let again = recorder.command(&agent.url()).output().expect("started");
+    assert_eq!(
+        again.status.code(),
+        Some(2),
+        "a closed recording is left alone: {}",
+        both(&again)
+    );
 }
 
 #[test]

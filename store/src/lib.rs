@@ -16,6 +16,7 @@ mod error;
 mod events;
 mod jobs;
 pub mod machine_file;
+pub mod observations;
 pub mod record;
 pub mod registers;
 mod schema;

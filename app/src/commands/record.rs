@@ -3,9 +3,10 @@
 use super::{Done, print_json};
 use crate::cli::{Common, RecordArgs};
 use crate::failure::{Exit, Failure};
+use crate::recorder::Sink;
+use crate::recorder::observations::ObservationsSink;
 use crate::recorder::session::{self, Ended};
 use crate::recorder::text::TextSink;
-use crate::recorder::{Sink, Tally};
 use crate::{clock, say};
 use mtconnect::client::gap::Gap;
 use mtconnect::client::query::Query;
@@ -41,11 +42,17 @@ pub fn record(args: &RecordArgs, common: &Common) -> Done {
     let stop = stopped_by_signals()?;
     let source = format!("agent {}{}", query.authority(), query.device);
     let host = (query.host.clone(), query.port);
-    let Some(out) = &args.out else {
-        return Err(Failure::usage("--out F.txt or --out F.parquet was expected"));
-    };
-    let mut sink = match ending_of(out) {
-        "txt" => TextSink::open(out, &source)?,
+    let out = &args.out;
+    let (mut text, mut observations);
+    let sink: &mut dyn Sink = match ending_of(out) {
+        "txt" => {
+            text = TextSink::open(out, &source)?;
+            &mut text
+        }
+        "parquet" => {
+            observations = ObservationsSink::open(out, &source)?;
+            &mut observations
+        }
         _ => {
             return Err(Failure::usage(format_args!(
                 "{}: the ending says what is written: .txt for positions, .parquet for every observation",
@@ -54,9 +61,8 @@ pub fn record(args: &RecordArgs, common: &Common) -> Done {
         }
     };
     let client = Client::new(query, sink.kept());
-    let ended = session::record(client, (&host.0, host.1), &mut sink, duration, &stop)?;
-    let remarks = sink.diagnostics.as_slice().to_vec();
-    report(&ended, sink.tally(), &remarks, &source, out, common)
+    let ended = session::record(client, (&host.0, host.1), sink, duration, &stop)?;
+    report(&ended, sink, &source, out, common)
 }
 
 fn ending_of(path: &Path) -> &str {
@@ -76,9 +82,9 @@ fn stopped_by_signals() -> Result<Arc<AtomicBool>, Failure> {
     Ok(stop)
 }
 
-fn report(ended: &Ended, tally: &Tally, remarks: &[Diagnostic], source: &str, out: &Path, common: &Common) -> Done {
-    let counters = &ended.counters;
-    let odd: Vec<&Diagnostic> = ended.diagnostics.iter().chain(remarks).collect();
+fn report(ended: &Ended, sink: &dyn Sink, source: &str, out: &Path, common: &Common) -> Done {
+    let (counters, tally) = (&ended.counters, sink.tally());
+    let odd: Vec<&Diagnostic> = ended.diagnostics.iter().chain(sink.remarks()).collect();
     for found in odd.iter().filter(|d| d.severity != Severity::Remark) {
         eprintln!("{found}");
     }

@@ -3,6 +3,7 @@
 //! A sink tells how far it has come ([`Sink::kept`]); when the disk refuses, the agent is asked again from there, and what it no longer
 //! has by then is a gap in the recording like any other.
 
+pub mod observations;
 pub mod session;
 pub mod text;
 
@@ -10,6 +11,7 @@ use mtconnect::client::document::Told;
 use mtconnect::client::gap::Gap;
 use mtconnect::client::items::Items;
 use mtconnect::client::session::Position;
+use plan::Diagnostic;
 use units::Timestamp;
 
 /// Why a sink does not go on.
@@ -64,6 +66,11 @@ pub trait Sink {
 
     /// What was kept since the sink was opened.
     fn tally(&self) -> &Tally;
+
+    /// What was odd.
+    fn remarks(&self) -> &[Diagnostic] {
+        &[]
+    }
 }
 
 /// What a sink kept since it was opened.

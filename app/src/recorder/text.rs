@@ -13,7 +13,7 @@ use mtconnect::client::items::Items;
 use mtconnect::client::live::{LivePlaces, Place};
 use mtconnect::client::session::Position;
 use mtconnect::text::HEAD;
-use plan::Diagnostics;
+use plan::{Diagnostic, Diagnostics};
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader};
 use std::os::unix::fs::FileExt;
@@ -30,8 +30,7 @@ pub struct TextSink {
     /// What is on the medium of it.
     synced: State,
     dirty: bool,
-    /// Remarks of the choice of positions.
-    pub diagnostics: Diagnostics,
+    diagnostics: Diagnostics,
 }
 
 /// Everything that is taken back when a write fails.
@@ -221,6 +220,10 @@ impl Sink for TextSink {
 
     fn tally(&self) -> &Tally {
         &self.state.tally
+    }
+
+    fn remarks(&self) -> &[Diagnostic] {
+        self.diagnostics.as_slice()
     }
 }
 

@@ -18,7 +18,7 @@ pub mod streams;
 pub mod text;
 pub mod track;
 
-pub use recording::{Form, ReadOptions, Reading, read};
+pub use recording::{Form, ReadOptions, Reading, of_observations, read};
 pub use streams::{Category, Header, Observation, Source, Streams, Value, read_streams};
 pub use text::TextWriter;
 pub use track::{Gap, GapCause, LengthUnit, StatedFrame, Track, TrackPoint};
