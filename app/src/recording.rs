@@ -41,8 +41,10 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
     }
     if bytes.starts_with(b"PAR1") {
         drop(bytes);
-        let table = store::Table::open(path).map_err(shop::failure)?;
-        if store::observations::is_of_observations(&table) {
+        // What cannot be opened at all is named by the reader of records below.
+        if let Ok(table) = store::Table::open(path)
+            && store::observations::is_of_observations(&table)
+        {
             let (streams, lost) = observations_of(&table, path)?;
             let reading = mtconnect::of_observations(&streams, &name, &options_of(said));
             let (mut recording, diagnostics) = recording_of(reading, path, &name, said)?;
@@ -50,7 +52,6 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
             recording.gaps.sort_by_key(|g| g.from);
             return Ok((recording, diagnostics));
         }
-        drop(table);
         if said.frame == Some(FrameName::Setup) || said.device.is_some() {
             return Err(Failure::usage(format_args!(
                 "{}: it is a record of one machine, in machine positions; leave --frame setup and --device out",

@@ -232,7 +232,7 @@ fn what_the_agents_buffer_lost_is_a_gap_with_its_numbers_and_nothing_else_is_mis
         let script = Script {
             buffer: 50,
             offline: Some((60, all * 2 / 3)),
-            ..Script::at_speed(if all > 1000 { 1000.0 } else { 30.0 })
+            ..Script::at_speed(if all > 1000 { 300.0 } else { 30.0 })
         };
         let agent = Agent::start(&recording, script);
         let mut recorder = Recorder::into("record.txt");
@@ -261,7 +261,7 @@ fn an_agent_that_is_started_anew_is_recorded_from_its_first_number_and_the_rest_
         let restart_at = observations / 2;
         let script = Script {
             restart_at: Some(restart_at),
-            ..Script::at_speed(if observations > 1000 { 1000.0 } else { 50.0 })
+            ..Script::at_speed(if observations > 1000 { 400.0 } else { 30.0 })
         };
         let expected = as_written(positions(&recording));
         let base = read_streams(&recording, "f")

@@ -145,7 +145,8 @@ pub fn record(
         last = sink.close(clock::start_time(None)?);
     }
     let unwritten = match last {
-        Ok(()) => None,
+        // What was refused last has not come again.
+        Ok(()) => disk.refused.then_some(disk.why),
         Err(Refused::Disk(why)) => Some(why),
         Err(Refused::Never(failure)) => return Err(failure),
     };
@@ -189,6 +190,7 @@ fn take(client: &mut Client, sink: &mut dyn Sink) -> Result<(), Refused> {
 struct DiskTrouble {
     count: u64,
     refused: bool,
+    why: String,
     observations: u64,
 }
 
@@ -198,7 +200,7 @@ impl DiskTrouble {
         if !self.refused {
             eprintln!("error: {why}: nothing is kept any more; recording goes on when the disk takes it again");
         }
-        self.refused = true;
+        (self.refused, self.why) = (true, why);
     }
 
     fn is_good(&mut self, sink: &dyn Sink) {

@@ -77,7 +77,7 @@ struct View {
 }
 
 impl Agent {
-    /// Replays the observations of an MTConnectStreams document. Time begins with the first request.
+    /// Replays the observations of an MTConnectStreams document. Time begins with the first request for a stream.
     pub fn start(recording: &[u8], script: Script) -> Agent {
         let streams = read_streams(recording, "the agent's recording");
         let mut order: Vec<usize> = (0..streams.observations.len()).collect();
@@ -133,9 +133,10 @@ impl Drop for Agent {
 
 impl Shared {
     fn view(&self) -> View {
-        let began = *self.began.lock().expect("no panic").get_or_insert_with(Instant::now);
+        let began = *self.began.lock().expect("no panic");
         let at = |k: usize| self.streams.observations[self.order[k]].at;
-        let elapsed = began.elapsed().as_secs_f64() * self.script.speed;
+        // Before that only the first observation has happened.
+        let elapsed = began.map_or(0.0, |began| began.elapsed().as_secs_f64() * self.script.speed);
         let happened = (0..self.order.len()).collect::<Vec<_>>();
         let happened = happened.partition_point(|k| at(*k).since(at(0)).0 <= elapsed);
         let restarted = self.script.restart_at.is_some_and(|k| happened > k);
@@ -170,6 +171,9 @@ impl Shared {
             }
             let target = line.split(' ').nth(1).unwrap_or_default().to_owned();
             while reader.read_line(&mut line)? > 2 {}
+            if target.starts_with("/sample") {
+                self.began.lock().expect("no panic").get_or_insert_with(Instant::now);
+            }
             let view = self.view();
             if view.offline || self.over.load(Ordering::Relaxed) {
                 return Ok(());
