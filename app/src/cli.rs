@@ -75,6 +75,9 @@ pub enum Command {
     Inspect(InspectArgs),
     /// Plan a program's motion and write the set-points, 1 ms apart.
     Plan(PlanArgs),
+    /// Record what an MTConnect agent tells: its buffer first, then live, through cuts and restarts of the agent. Ctrl-C ends it. What
+    /// could not be had is a gap with its sequence numbers.
+    Record(RecordArgs),
     /// Rebuild what happened from a record: cut it into the plan's workingsteps and write an as-executed STEP-NC file.
     #[command(
         override_usage = "toolmark rebuild <PLAN> <RECORD> --out <F.stpnc>\n       toolmark rebuild --no-plan <RECORD> --out <F.stpnc>"
@@ -270,6 +273,35 @@ pub struct RunArgs {
     /// Wrong set-up, for practice: the n-th workingstep runs with its work offset shifted by X,Y,Z mm; simulated machines only.
     #[arg(long, value_name = "N:X,Y,Z")]
     pub plant_shift: Option<String>,
+}
+
+/// `toolmark record`
+#[derive(Debug, Args)]
+pub struct RecordArgs {
+    /// The agent: http://HOST:PORT, with /DEVICE behind it for one device; a whole sample query works too.
+    pub url: String,
+    /// Where to, by ending: .txt one position a line, .parquet every observation. A .txt that is there already is continued, and so is
+    /// a .parquet whose recorder was killed.
+    #[arg(long, value_name = "F")]
+    pub out: PathBuf,
+    /// Which data items, as the agent understands it: //DataItem[@type="PATH_POSITION"] [default: all].
+    #[arg(long, value_name = "XPATH")]
+    pub path: Option<String>,
+    /// Least time between two answers of the agent, ms [default: 100].
+    #[arg(long, value_name = "MS")]
+    pub interval: Option<u64>,
+    /// Most observations in one answer [default: 5000].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+    /// First sequence number [default: the oldest in the agent's buffer].
+    #[arg(long, value_name = "SEQ")]
+    pub from: Option<u64>,
+    /// End after so many seconds [default: Ctrl-C ends it].
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
+    /// Longest silence of the agent, ms; two of them and the connection counts as cut [default: 10000].
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..))]
+    pub heartbeat: Option<u64>,
 }
 
 /// `toolmark rebuild`

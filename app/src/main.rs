@@ -8,8 +8,10 @@ mod commands;
 mod execution;
 mod failure;
 mod files;
+mod net;
 mod program;
 mod progress;
+mod recorder;
 mod recording;
 mod report;
 mod shop;
@@ -57,6 +59,7 @@ fn run(cli: &Cli) -> u8 {
         Command::Check(args) => commands::check::check(args, common),
         Command::Inspect(args) => commands::inspect::inspect(args, common),
         Command::Plan(args) => commands::plan::plan(args, common),
+        Command::Record(args) => commands::record::record(args, common),
         Command::Rebuild(args) => commands::rebuild::rebuild(args, common),
         Command::Compare(args) => commands::compare::compare(args, common),
         Command::Trace(args) => commands::trace::trace(args, common),

@@ -20,6 +20,7 @@ mod jobs;
 mod kept;
 pub mod machine_file;
 mod range;
+pub mod observations;
 pub mod record;
 pub mod registers;
 mod retention;

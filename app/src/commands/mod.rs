@@ -8,6 +8,7 @@ pub mod hold;
 pub mod inspect;
 pub mod plan;
 pub mod rebuild;
+pub mod record;
 pub mod run;
 pub mod trace;
 

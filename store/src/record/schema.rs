@@ -118,7 +118,8 @@ pub(crate) fn properties(columns: &Schema, metadata: &BTreeMap<String, String>) 
                 .map(|(key, value)| KeyValue::new(key.clone(), value.clone()))
                 .collect(),
         ));
-    if let Ok(place) = columns.index_of(TS) {
+    // Samples rise with time. Observations stand in the order of an agent's numbers, and its adapters' clocks are not one clock.
+    if let (Ok(place), Ok(_)) = (columns.index_of(TS), columns.index_of(TICK)) {
         builder = builder.set_sorting_columns(Some(vec![SortingColumn {
             column_idx: i32::try_from(place).unwrap_or_default(),
             descending: false,
