@@ -10,7 +10,7 @@ use crate::macro_b::{MacroRules, Memory, Refusal, Value, Variables};
 use crate::motion::Cycle;
 use crate::offsets::{WorkFrame, WorkKey};
 use crate::profile::{FeedMode, G, M, Motion, Once, Plane, Profile, Side};
-use crate::program::{Options, WholeNumbers};
+use crate::program::{Options, Trace, WholeNumbers};
 use crate::text::characters;
 use plan::{
     CoolantState, Diagnostic, Diagnostics, Feed, FileId, Level, Marker, Missing, Origin, PathMode, Place, Question, Severity,
@@ -91,15 +91,16 @@ pub(crate) struct Interpreter {
 
     pub tool: Option<u32>,
     /// Called by a T word, with the program's words for it; M6 puts it in.
-    preselected: Option<(u32, String)>,
+    pub preselected: Option<(u32, String)>,
     /// Comments of the last run of comment lines since the last move.
     comments: Vec<String>,
     comments_closed: bool,
     workingstep_open: bool,
     pub program_name: String,
     pub program_number: u32,
-    last_m: u16,
-    last_n: u32,
+    pub last_m: u16,
+    pub last_n: u32,
+    pub trace: Trace,
 }
 
 /// What M3, M4, M5 said last.
@@ -166,8 +167,8 @@ impl Interpreter {
             motion: Motion::Rapid,
             motion_said: false,
             plane: profile.plane,
-            inches: false,
-            units_said: false,
+            inches: options.inches,
+            units_said: options.inches,
             incremental: false,
             absolute_centres: false,
             feed_mode: if profile.turning {
@@ -197,6 +198,7 @@ impl Interpreter {
             program_number: 0,
             last_m: 0,
             last_n: 0,
+            trace: Trace::default(),
         };
         new.tip = new.tables.position.xyz;
         new
@@ -952,106 +954,6 @@ impl Interpreter {
             });
         }
     }
-
-    // ---- macro statements
-
-    /// Carries out `#i = value`; `end` is the byte behind it.
-    pub(crate) fn assign(&mut self, variable: u32, value: Value, at: usize, end: usize, site: Site<'_>) -> Outcome<()> {
-        if self.memory.has(variable) {
-            self.memory.write(variable, value);
-            return Ok(());
-        }
-        match variable {
-            3000 => Err(self.macro_alarm(value, end, site)),
-            3006 => {
-                let text = comment_behind(site.text, end);
-                self.emit(StepKind::Message(text));
-                self.emit(StepKind::Stop(StopKind::Program));
-                Ok(())
-            }
-            _ => self.write_system_variable(variable, value, at),
-        }
-    }
-
-    /// `#3000=n(TEXT)`: the program alarms by itself.
-    fn macro_alarm(&self, value: Value, end: usize, site: Site<'_>) -> Box<Fault> {
-        let number = libm::round(value.number()).clamp(0.0, 4095.0) as u32;
-        let text = comment_behind(site.text, end);
-        Fault::new(0, 3000 + number, "macro-alarm", text, "the program itself says so")
-    }
-
-    /// #4001 and on: what is in force. Group numbers differ between mills and lathes; where they do, the lathe's are left out.
-    pub(crate) fn modal_variable(&self, number: u32) -> Option<f64> {
-        let mill = !self.profile.turning;
-        Some(match number {
-            4001 => f64::from(self.motion as u8),
-            4002 if mill => f64::from(17 + self.plane as u8),
-            4002 => {
-                if self.surface.is_some() {
-                    96.0
-                } else {
-                    97.0
-                }
-            }
-            4003 if mill => {
-                if self.incremental {
-                    91.0
-                } else {
-                    90.0
-                }
-            }
-            4005 => match (mill, self.feed_mode) {
-                (true, FeedMode::InverseTime) => 93.0,
-                (true, FeedMode::PerMinute) => 94.0,
-                (true, FeedMode::PerRevolution) => 95.0,
-                (false, FeedMode::PerRevolution) => 99.0,
-                (false, _) => 98.0,
-            },
-            4006 => {
-                if self.inches {
-                    20.0
-                } else {
-                    21.0
-                }
-            }
-            4007 => f64::from(40 + self.side as u8),
-            4008 if mill => match self.length_sign {
-                0 => 49.0,
-                1 => 43.0,
-                _ => 44.0,
-            },
-            4009 if mill => self.cycle.as_ref().map_or(80.0, |c| f64::from(c.code)),
-            4010 if mill => {
-                if self.return_to_r {
-                    99.0
-                } else {
-                    98.0
-                }
-            }
-            4014 => match self.frame.key {
-                WorkKey::Standard(n) => 53.0 + f64::from(n),
-                _ => 54.1,
-            },
-            4107 => f64::from(self.d),
-            4109 => self.feed.map_or(0.0, |f| match self.feed_mode {
-                FeedMode::PerMinute => f * 60.0 / self.unit(),
-                FeedMode::PerRevolution => f / self.unit(),
-                FeedMode::InverseTime => 60.0 / f,
-            }),
-            4111 => f64::from(self.h),
-            4113 => f64::from(self.last_m),
-            4114 => f64::from(self.last_n),
-            4115 => f64::from(self.program_number),
-            4119 => self.revolutions,
-            4120 => match &self.preselected {
-                Some((number, _)) => f64::from(*number),
-                None => {
-                    f64::from(self.tool.unwrap_or(0) * if mill { 1 } else { 100 } + if mill { 0 } else { self.offset.number })
-                }
-            },
-            _ => return None,
-        })
-    }
 }
 
 /// A value rounded to the least input increment, half away from zero in the decimal sense: 1.2345 counts as a half although its binary
@@ -1083,15 +985,5 @@ fn step_name(number: u32, words: &str) -> String {
         Some(rest) if !rest.starts_with(|c: char| c.is_ascii_digit()) => words.to_owned(),
         _ if words.is_empty() => call,
         _ => format!("{call} {words}"),
-    }
-}
-
-fn comment_behind(text: &[u8], end: usize) -> String {
-    let rest = text.get(end..).unwrap_or_default();
-    let open = rest.iter().position(|b| *b == b'(');
-    let close = rest.iter().position(|b| *b == b')');
-    match (open, close) {
-        (Some(open), Some(close)) if open < close => characters(&rest[open + 1..close]).trim().to_owned(),
-        _ => String::new(),
     }
 }

@@ -15,15 +15,18 @@ mod block;
 pub mod detect;
 mod fault;
 pub mod inspect;
+pub mod interpretation;
 mod interpreter;
 pub mod macro_b;
 mod motion;
 mod offsets;
 pub mod profile;
 pub mod program;
+mod system_variables;
 mod text;
 
 pub use detect::{Detected, detect};
+pub use interpretation::{Interpretation, Setup, interpret};
 pub use macro_b::Value;
 pub use profile::{PROFILES, Profile};
 pub use program::{GcodeProgram, Options, WholeNumbers};

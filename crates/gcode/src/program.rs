@@ -30,6 +30,10 @@ pub struct Options {
     pub second_reference: Option<Point<Machine>>,
     /// Fanuc parameter 6004.0 turned round: `Some(true)` is NAT=0, angles from 0 to 360. `None` is the family's default.
     pub angles_from_zero: Option<bool>,
+    /// Inches before the first G20 or G21.
+    pub inches: bool,
+    /// Takes down every move, printed line and stop for [`GcodeProgram::into_trace`].
+    pub trace: bool,
 }
 
 impl Default for Options {
@@ -42,6 +46,8 @@ impl Default for Options {
             spindle_limit: Rpm(4000.0),
             second_reference: None,
             angles_from_zero: None,
+            inches: false,
+            trace: false,
         }
     }
 }
@@ -62,6 +68,23 @@ const DEEPEST_CALL: usize = 4;
 const MOST_FILES: usize = 256;
 /// Lines looked through for the program's number before the first block.
 const HEADER_LINES: u32 = 100;
+
+/// What a program did, taken down while it was read.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trace {
+    /// Variables that hold something.
+    pub variables: BTreeMap<u32, Value>,
+    /// Moves: G number and end point in the work system, in the program's unit.
+    pub path: Vec<Vec<f64>>,
+    /// Printed lines.
+    pub output: Vec<String>,
+    /// Names given by SETVN.
+    pub names: BTreeMap<u32, String>,
+    /// Stops by `#3006`.
+    pub stops: Vec<crate::interpretation::Stop>,
+    /// Last T value.
+    pub tool: Option<u32>,
+}
 
 /// A program of G-code, read as it is asked for.
 ///
@@ -163,6 +186,23 @@ impl GcodeProgram {
     pub fn variable(&self, number: u32) -> Value {
         use crate::macro_b::Variables;
         self.interpreter.read(number).unwrap_or(Value::Vacant)
+    }
+
+    /// O number of the program being executed and the sequence number executed last; 0 where there is none.
+    pub fn place(&self) -> (u32, u32) {
+        (self.interpreter.program_number, self.interpreter.last_n)
+    }
+
+    /// What was taken down on the way, with the variables as they stand; empty without [`Options::trace`].
+    pub fn into_trace(self) -> Trace {
+        let mut trace = self.interpreter.trace;
+        for number in (1..34).chain(100..200).chain(500..1000) {
+            let value = self.interpreter.memory.read(number);
+            if value != Value::Vacant {
+                trace.variables.insert(number, value);
+            }
+        }
+        trace
     }
 
     /// True when the program's lengths are in inches now.
