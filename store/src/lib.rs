@@ -19,6 +19,7 @@ pub mod machine_file;
 pub mod record;
 pub mod registers;
 mod schema;
+pub mod sizing;
 pub mod trajectory;
 mod verify;
 mod whole_file;
