@@ -59,6 +59,7 @@ fn run(cli: &Cli) -> u8 {
         Command::Plan(args) => commands::plan::plan(args, common),
         Command::Rebuild(args) => commands::rebuild::rebuild(args, common),
         Command::Compare(args) => commands::compare::compare(args, common),
+        Command::Size(command) => commands::size::size(command, common),
     };
     match done {
         Ok(exit) => exit as u8,

@@ -7,6 +7,7 @@ pub mod inspect;
 pub mod plan;
 pub mod rebuild;
 pub mod run;
+pub mod size;
 
 use crate::failure::{Exit, Failure};
 use serde::Serialize;

@@ -94,7 +94,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             minutes(done.outcome.time.0),
             done.record.rows
         ));
-        report::print(&done.rebuild.report, common.units);
+        report::print(&done.rebuild.report, common.units.unwrap_or_default());
         let folder = done.folder.display();
         say(&format!(
             "files: {folder}/as-executed.stpnc, report.html, report.json, record.parquet"
