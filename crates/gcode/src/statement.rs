@@ -109,6 +109,15 @@ fn keyword_at(text: &[u8], at: usize) -> Option<(Keyword, usize)> {
 pub(crate) fn no_keyword(text: &[u8], at: usize) -> Box<Fault> {
     let letters = letters_at(text, at).to_ascii_uppercase();
     let shown = String::from_utf8_lossy(&letters).into_owned();
+    if letters.len() == 1 {
+        return Fault::new(
+            at,
+            5,
+            "word-without-number",
+            format!("there is no number behind {shown}"),
+            "complete the word or take it out",
+        );
+    }
     if OTHERS.contains(&shown.as_str()) {
         return Fault::not_there_yet(at, &format!("the macro statement {shown}"));
     }
