@@ -319,9 +319,12 @@ impl Interpreter {
         if offset == self.offset {
             return;
         }
-        let gauge = self.gauge();
+        let (gauge, before) = (self.gauge(), self.tip);
         self.offset = offset;
         self.place_tip(gauge);
+        for (axis, carried) in self.carried.iter_mut().enumerate() {
+            *carried += before[axis] - self.tip[axis];
+        }
         self.emit(StepKind::ToolOffset(offset));
     }
 
