@@ -22,7 +22,7 @@ pub struct Proof {
     pub ended: BTreeMap<String, usize>,
     /// The set-up, a program of another job, a power loss between any two blocks.
     pub situations: Vec<String>,
-    /// What was not as it should be; at most the first hundred.
+    /// What was not as it should be; at most the first twenty.
     pub differences: Vec<String>,
     /// How many there were.
     pub different: usize,
@@ -46,7 +46,7 @@ pub fn prove(generated: &Generated, control: &Control, least: usize) -> Proof {
     };
     let each = least.div_ceil(generated.dimensions.len());
     for (k, dimension) in (1..).zip(&generated.dimensions) {
-        let entries = grid(dimension, each);
+        let entries = grid(dimension, each, generated.method);
         proof.entries.push((dimension.name.clone(), entries.len()));
         for (n, typed) in entries.iter().enumerate() {
             // Three states of the register: new, corrected, and corrected the other way.
@@ -102,7 +102,7 @@ impl Proof {
     }
     fn differs(&mut self, what: String) {
         self.different += 1;
-        if self.differences.len() < 100 {
+        if self.differences.len() < 20 {
             self.differences.push(what);
         }
     }
@@ -131,7 +131,10 @@ impl Bench<'_> {
                 Unit::Mm => gcode::interpretation::Unit::Mm,
                 Unit::Inch => gcode::interpretation::Unit::Inch,
             },
-            params: BTreeMap::from([("6001.5".to_owned(), f64::from(u8::from(self.generated.method == Method::TWord)))]),
+            params: BTreeMap::from([(
+                "6001.5".to_owned(),
+                f64::from(u8::from(self.generated.method == Method::TWord)),
+            )]),
             vars,
             control: Some(self.control.dialect.clone()),
             ..Setup::default()
@@ -145,22 +148,35 @@ impl Bench<'_> {
         let text = generated.setup.text.replace("M99", "M30");
         let run = interpret(&text, &self.setup(registers.iter().map(|r| (*r, Some(0.0))).collect()));
         if let Some(alarm) = &run.alarm {
-            let fault = run.fault.as_ref().map(|f| format!("{} (line {})", f.text, f.line)).unwrap_or_default();
+            let fault = run
+                .fault
+                .as_ref()
+                .map(|f| format!("{} (line {})", f.text, f.line))
+                .unwrap_or_default();
             proof.differs(format!("the set-up program stops with alarm {}: {fault}", alarm.number));
             return None;
         }
         let layout = &generated.layout;
         if run.vars.get(&layout.job).copied().flatten() != Some(f64::from(generated.job)) {
-            proof.differs(format!("the set-up program does not leave job {} in #{}", generated.job, layout.job));
+            proof.differs(format!(
+                "the set-up program does not leave job {} in #{}",
+                generated.job, layout.job
+            ));
         }
         if run.names != layout.names {
             proof.differs("the set-up program does not give the names of its variables".to_owned());
         }
         let ours = |n: &u32| (self.control.kept[0]..=self.control.kept[1]).contains(n) || registers.contains(n);
         let ready: Variables = run.vars.into_iter().filter(|(n, _)| ours(n)).collect();
-        let outside: Vec<u32> = ready.keys().copied().filter(|n| !registers.contains(n) && !layout.names.contains_key(n)).collect();
+        let outside: Vec<u32> = ready
+            .keys()
+            .copied()
+            .filter(|n| !registers.contains(n) && !layout.names.contains_key(n))
+            .collect();
         if !outside.is_empty() {
-            proof.differs(format!("the set-up program writes variables that are not its own: {outside:?}"));
+            proof.differs(format!(
+                "the set-up program writes variables that are not its own: {outside:?}"
+            ));
         }
         proof.situations.push(format!(
             "the set-up program runs to its end and names {} variables",
@@ -288,7 +304,11 @@ impl Bench<'_> {
             let run = self.run(k, dimension, other, vars);
             let alarm = run.alarm.as_ref().map(|a| a.number);
             if alarm != Some(generate::ANOTHER_JOB) || run.vars.get(&register).copied().flatten() != Some(0.0) {
-                proof.differs(format!("{}: a program of job {other} is not stopped, {} came", dimension.name, told(&run)));
+                proof.differs(format!(
+                    "{}: a program of job {other} is not stopped, {} came",
+                    dimension.name,
+                    told(&run)
+                ));
             }
         }
         proof.situations.push(format!(
@@ -345,11 +365,13 @@ impl Bench<'_> {
             }
         }
         if points < 10 {
-            proof.differs(format!("only {points} places for a power loss were met: the macros were not run"));
+            proof.differs(format!(
+                "only {points} places for a power loss were met: the macros were not run"
+            ));
         }
-        proof
-            .situations
-            .push(format!("power lost at {points} places of the macros: an entry is applied once or not at all"));
+        proof.situations.push(format!(
+            "power lost at {points} places of the macros: an entry is applied once or not at all"
+        ));
     }
 }
 
@@ -395,13 +417,23 @@ fn by_law(dimension: &Dimension, typed: Option<&str>, before: f64) -> Expected {
 
 /// Entries to try, as decimal text in the dimension's unit; `None` is vacant. Not less than `least`: the edges first, then the window and
 /// its surroundings evenly.
-fn grid(dimension: &Dimension, least: usize) -> Vec<Option<String>> {
+fn grid(dimension: &Dimension, least: usize, method: Method) -> Vec<Option<String>> {
     let digits = match dimension.unit {
         Unit::Mm => 5,
         Unit::Inch => 6,
     };
     let unit = |length| generate::in_unit(dimension.unit, length);
-    let text = |number: f64| Some(format!("{number:.digits$}"));
+    let steps = generate::steps_per_unit(dimension);
+    let text = |number: f64| {
+        Some(match method {
+            Method::TWord => format!("{number:.digits$}"),
+            // An offset holds whole steps, and no more than three digits before the point in mm, two in inches.
+            Method::G65 => {
+                let most = if dimension.unit == Unit::Mm { 999.0 } else { 99.0 };
+                format!("{:.digits$}", libm::round(number.clamp(-most, most) * steps) / steps)
+            }
+        })
+    };
     let (from, to) = (unit(dimension.window.0), unit(dimension.window.1));
     let fine = unit(dimension.increment) / 10.0;
     let mut all = vec![None, text(0.0)];
@@ -421,7 +453,19 @@ fn grid(dimension: &Dimension, least: usize) -> Vec<Option<String>> {
         // A tenth of a step on either side, half a step and whole steps.
         all.extend([-20.0, -10.0, -5.0, -4.0, -1.0, 0.0, 1.0, 4.0, 5.0, 10.0, 20.0].map(|k| text(edge + k * fine)));
     }
-    let absurd = [1e-4, 1.0, 999.999, 99_999.0, -target, -1.0, target * 25.4, target / 25.4, target * 10.0, target / 10.0, target + 1.0];
+    let absurd = [
+        1e-4,
+        1.0,
+        999.999,
+        99_999.0,
+        -target,
+        -1.0,
+        target * 25.4,
+        target / 25.4,
+        target * 10.0,
+        target / 10.0,
+        target + 1.0,
+    ];
     all.extend(absurd.map(text));
     let margin = (to - from) * 0.1;
     let rest = least.saturating_sub(all.len()).max(1);

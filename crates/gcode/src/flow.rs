@@ -323,7 +323,13 @@ impl GcodeProgram {
         };
         if depth >= usize::from(deepest) {
             let message = format!("{what} are nested more than {deepest} deep");
-            return Err(Fault::new(call.at, 77, "call-depth", message, "call it from a shallower level"));
+            return Err(Fault::new(
+                call.at,
+                77,
+                "call-depth",
+                message,
+                "call it from a shallower level",
+            ));
         }
         let mut found = None;
         for file in [self.current, 0] {
@@ -336,7 +342,10 @@ impl GcodeProgram {
             Some(found) => found,
             None => self.open_program(call.program, call.at)?,
         };
-        let saved = call.locals.as_ref().map(|locals| Box::new(self.interpreter.memory.enter(locals)));
+        let saved = call
+            .locals
+            .as_ref()
+            .map(|locals| Box::new(self.interpreter.memory.enter(locals)));
         self.frames.push(Frame {
             return_file: self.current,
             return_to: self.here.after,
@@ -407,7 +416,10 @@ impl GcodeProgram {
                 self.go_to(frame.return_to);
                 Ok(())
             }
-            Some(number) => match self.targets.block(&mut self.files, self.current, self.body, frame.return_to, number) {
+            Some(number) => match self
+                .targets
+                .block(&mut self.files, self.current, self.body, frame.return_to, number)
+            {
                 Some(place) => {
                     self.leave_loops(place);
                     if place < frame.return_to {

@@ -257,9 +257,12 @@ impl Interpreter {
         for (number, value) in &options.variables {
             if let Err(fault) = self.give(*number, *value) {
                 self.remarks.add(
-                    Diagnostic::warning("variable-given", format!("#{number} = {value} before the start: {}", fault.message))
-                        .in_file(self.file.clone())
-                        .remedy("give it to another variable"),
+                    Diagnostic::warning(
+                        "variable-given",
+                        format!("#{number} = {value} before the start: {}", fault.message),
+                    )
+                    .in_file(self.file.clone())
+                    .remedy("give it to another variable"),
                 );
             }
         }

@@ -176,7 +176,12 @@ impl Interpreter {
     /// Takes down where a move ends, as the program would write it.
     fn trace_move(&mut self, code: u8) {
         let mut end = vec![f64::from(code)];
-        end.extend(self.profile.variable_axes.iter().map(|axis| self.in_program(*axis, self.programmed(*axis))));
+        end.extend(
+            self.profile
+                .variable_axes
+                .iter()
+                .map(|axis| self.in_program(*axis, self.programmed(*axis))),
+        );
         self.trace.path.push(end);
     }
 
@@ -333,6 +338,11 @@ impl Interpreter {
             if let Some(w) = block.take(word.letter) {
                 to[word.axis] = Some(Millimetres(self.length(word.letter, w, site) * word.factor));
             }
+        }
+        if to == [None; 3] && self.macros.fanuc_ranges {
+            // Alone it moves nothing and stops the read-ahead: the usual word for "wait until all moves are done".
+            self.moved_since_stop = false;
+            return Ok(());
         }
         if to == [None; 3] {
             return Err(missing_word(at, "G53", "an axis word"));

@@ -412,7 +412,15 @@ pub enum M {
 }
 
 /// All families. A new one is one more line.
-pub const PROFILES: &[&Profile] = &[&FANUC_MILL, &FANUC_LATHE, &RS274, &FANUC_30I_MILL, &FANUC_30I_LATHE, &FANUC_8_DIGITS, &HAAS_MILL];
+pub const PROFILES: &[&Profile] = &[
+    &FANUC_MILL,
+    &FANUC_LATHE,
+    &RS274,
+    &FANUC_30I_MILL,
+    &FANUC_30I_LATHE,
+    &FANUC_8_DIGITS,
+    &HAAS_MILL,
+];
 
 /// The family of that name.
 pub fn by_name(name: &str) -> Option<&'static Profile> {

@@ -213,7 +213,10 @@ impl Interpreter {
                 std::mem::replace(&mut entry.wear.0.xyz[axis], mm),
                 plan::Register::ToolWear { tool, axis },
             ),
-            Register::Radius => (std::mem::replace(&mut entry.radius.0, mm), plan::Register::ToolRadius { tool }),
+            Register::Radius => (
+                std::mem::replace(&mut entry.radius.0, mm),
+                plan::Register::ToolRadius { tool },
+            ),
             Register::RadiusWear => (
                 std::mem::replace(&mut entry.radius_wear.0, mm),
                 plan::Register::ToolRadiusWear { tool },
@@ -250,7 +253,11 @@ impl Interpreter {
 
     /// Millimetres of an axis for each millimetre that an offset register says.
     fn offset_factor(&self, axis: usize) -> f64 {
-        if self.settings.radius_offsets { 1.0 } else { self.profile.factor(axis) }
+        if self.settings.radius_offsets {
+            1.0
+        } else {
+            self.profile.factor(axis)
+        }
     }
 
     // ---- reading
@@ -454,7 +461,9 @@ impl Interpreter {
     /// What the report shows of the system variables that were given or written.
     pub(crate) fn written_variables(&self) -> Vec<(u32, Value)> {
         let value = |n: u32| match n {
-            3001 => Ok(libm::floor((self.powered_seconds().unwrap_or(self.nominal) - self.timer_zero) * 1000.0 + 1e-6)),
+            3001 => Ok(libm::floor(
+                (self.powered_seconds().unwrap_or(self.nominal) - self.timer_zero) * 1000.0 + 1e-6,
+            )),
             _ => self.system_variable(n),
         };
         self.written

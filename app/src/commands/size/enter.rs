@@ -85,7 +85,10 @@ pub(super) fn enter(args: &EnterArgs, common: &Common) -> Done {
     let who = shop::operator(common);
     let length = |option: &str, text: &Option<String>| -> Result<Option<f64>, Failure> {
         let read = |text: &String| sizing::entry::number(text).map(|n| tidy(unit.length(n).0));
-        text.as_ref().map(read).transpose().map_err(|e| Failure::usage(format_args!("--{option}: {e}")))
+        text.as_ref()
+            .map(read)
+            .transpose()
+            .map_err(|e| Failure::usage(format_args!("--{option}: {e}")))
     };
     let found = length("at-control", &args.at_control)?;
     let noticed = match found {

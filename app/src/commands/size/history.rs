@@ -28,13 +28,19 @@ pub(super) fn history(args: &HistoryArgs, common: &Common) -> Done {
         .filter_map(|e| e.detail.get("change").and_then(Value::as_u64))
         .collect();
     let mut lines: BTreeMap<u64, (Value, String)> = BTreeMap::new();
-    for row in bench.history.iter().filter(|r| dimensions.iter().any(|d| d.name == r.dimension)) {
+    for row in bench
+        .history
+        .iter()
+        .filter(|r| dimensions.iter().any(|d| d.name == r.dimension))
+    {
         let dimension = bench.dimension(&row.dimension)?;
         let value = serde_json::to_value(row).expect("a row is JSON");
         lines.insert(row.entry, (value, words(row, &shown_in(dimension, common))));
     }
     for dimension in dimensions {
-        let changes = directory.changes_of(&dimension.register, bench.kept.id).map_err(shop::failure)?;
+        let changes = directory
+            .changes_of(&dimension.register, bench.kept.id)
+            .map_err(shop::failure)?;
         for event in changes.iter().filter(|e| !ours.contains(&e.sequence)) {
             lines.insert(event.sequence, past_sizing(event, &shown_in(dimension, common)));
         }

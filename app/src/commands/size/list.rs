@@ -17,7 +17,10 @@ pub(super) fn list(common: &Common) -> Done {
     let bench = Bench::open(&directory, common)?;
     let mut answers = Vec::new();
     if !common.json {
-        say(&format!("job {} ({}) on {}", bench.job.name, bench.job.number, bench.kept.machine));
+        say(&format!(
+            "job {} ({}) on {}",
+            bench.job.name, bench.job.number, bench.kept.machine
+        ));
     }
     for dimension in &bench.job.dimensions {
         let register = directory.value(&dimension.register).map_err(shop::failure)?;

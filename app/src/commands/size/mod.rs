@@ -24,7 +24,8 @@ use store::sizing::{NewSize, SizingJob};
 use store::{DataDirectory, MachineFile};
 use units::{Axis, Millimetres, Timestamp};
 
-pub use enter::{Entering, enter_size};
+pub use enter::{Entering, enter_size, size_words};
+pub use undo::put_in;
 
 /// Runs the command.
 ///
@@ -102,7 +103,10 @@ impl Bench {
         let axes = axes_of(&machine);
         let job = Job::parse(text, &file, &axes).map_err(unreadable)?;
         for dimension in &job.dimensions {
-            let inside = dimension.register.strip_prefix(&format!("{}/", machine.name)).unwrap_or_default();
+            let inside = dimension
+                .register
+                .strip_prefix(&format!("{}/", machine.name))
+                .unwrap_or_default();
             let there = match dimension.column {
                 sizing::Column::Wear(axis) => machine.axis(axis).is_some(),
                 sizing::Column::CutterRadius => true,
@@ -138,9 +142,14 @@ impl Bench {
     /// None was loaded, or the disk refuses.
     pub fn open(directory: &DataDirectory, common: &Common) -> Result<Bench, Failure> {
         let machine = crate::program::named_machine(&common.machine)?.map(|m| m.name);
-        let kept = directory.sizing_job(machine.as_deref()).map_err(shop::failure)?.ok_or_else(|| {
-            Failure::usage("no job of sizes is loaded here: toolmark size job FILE, and `toolmark size job --help` for what it holds")
-        })?;
+        let kept = directory
+            .sizing_job(machine.as_deref())
+            .map_err(shop::failure)?
+            .ok_or_else(|| {
+                Failure::usage(
+                    "no job of sizes is loaded here: toolmark size job FILE, and `toolmark size job --help` for what it holds",
+                )
+            })?;
         let axes = MachineAxes {
             name: kept.machine.clone(),
             counts_diameters: Axis::ALL.map(|a| kept.diameters.contains(a.letter())),

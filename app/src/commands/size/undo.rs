@@ -18,7 +18,11 @@ use units::Millimetres;
 pub(super) fn undo(args: &UndoArgs, common: &Common) -> Done {
     let mut directory = shop::data_directory(common)?;
     let mut bench = Bench::open(&directory, common)?;
-    let entry = bench.history.iter().find(|r| r.entry == args.entry && r.what == What::Entered).cloned();
+    let entry = bench
+        .history
+        .iter()
+        .find(|r| r.entry == args.entry && r.what == What::Entered)
+        .cloned();
     let Some(entry) = entry else {
         return Err(Failure::usage(format_args!(
             "{} is no accepted entry of job {}: `toolmark size history` shows their numbers",
@@ -27,10 +31,16 @@ pub(super) fn undo(args: &UndoArgs, common: &Common) -> Done {
     };
     let negative = |message: String| Failure::negative(format_args!("error: {message}"));
     if let Some(done) = bench.history.iter().find(|r| r.of == Some(entry.entry)) {
-        return Err(negative(format!("entry {} was taken back already, by entry {}", entry.entry, done.entry)));
+        return Err(negative(format!(
+            "entry {} was taken back already, by entry {}",
+            entry.entry, done.entry
+        )));
     }
     if entry.change() == 0.0 {
-        return Err(negative(format!("entry {} changed nothing: there is nothing to take back", entry.entry)));
+        return Err(negative(format!(
+            "entry {} changed nothing: there is nothing to take back",
+            entry.entry
+        )));
     }
     let applied = Applied {
         sequence: entry.entry,
@@ -77,7 +87,14 @@ pub(super) fn new_tool(args: &NewToolArgs, common: &Common) -> Done {
     let mut directory = shop::data_directory(common)?;
     let mut bench = Bench::open(&directory, common)?;
     let at = clock::start_time(common.start.as_deref())?;
-    let rows = put_in(&mut bench, &mut directory, args.offset, &shop::operator(common), common.reason.as_deref(), at)?;
+    let rows = put_in(
+        &mut bench,
+        &mut directory,
+        args.offset,
+        &shop::operator(common),
+        common.reason.as_deref(),
+        at,
+    )?;
     if rows.is_empty() {
         return Err(Failure::usage(format_args!(
             "job {} has no dimension on offset {}",
