@@ -26,7 +26,13 @@ impl Shop {
     fn run(&self, second: u32, words: &[&str]) -> (i32, String, String) {
         let output = Command::new(env!("CARGO_BIN_EXE_toolmark"))
             .args(words)
-            .args(["--operator", "Maria", "--start", &format!("2026-11-21T08:{:02}:{:02}Z", second / 60, second % 60), "--data"])
+            .args([
+                "--operator",
+                "Maria",
+                "--start",
+                &format!("2026-11-21T08:{:02}:{:02}Z", second / 60, second % 60),
+                "--data",
+            ])
             .arg(self.path("data"))
             .output()
             .expect("the binary starts");
@@ -87,15 +93,32 @@ fn the_published_example_moves_wear_x_of_offset_five_by_nine_steps() {
 fn entries_outside_the_window_are_alarms_and_change_nothing() {
     let shop = Shop::new(JOB);
     let mut second = 0;
-    for (value, number) in [("3.22", 100), ("3.21", 100), ("0", 100), ("-3.2351", 100), ("3.245", 101), ("3.2451", 101), ("99", 101)] {
+    for (value, number) in [
+        ("3.22", 100),
+        ("3.21", 100),
+        ("0", 100),
+        ("-3.2351", 100),
+        ("3.245", 101),
+        ("3.2451", 101),
+        ("99", 101),
+    ] {
         second += 5;
         let told = shop.enter(second, 1, value, &["--unit", "inch"]);
-        assert_eq!((&told["accepted"], &told["rule"]), (&Value::from(false), &Value::from("window")), "{value}");
+        assert_eq!(
+            (&told["accepted"], &told["rule"]),
+            (&Value::from(false), &Value::from("window")),
+            "{value}"
+        );
         assert_eq!(told["alarm"]["number"], number, "{value}");
         near(&told["after"], 0.0);
     }
     let millimetres = shop.enter(60, 1, "82.17", &[]);
-    assert!(millimetres["message"].as_str().expect("words").contains("did you mean 82.170 mm?"));
+    assert!(
+        millimetres["message"]
+            .as_str()
+            .expect("words")
+            .contains("did you mean 82.170 mm?")
+    );
     // The refusals are in the history, and the register was never touched.
     let history = shop.json(61, 0, &["size", "history"]);
     let rows = history["history"].as_array().expect("rows");
@@ -106,7 +129,12 @@ fn entries_outside_the_window_are_alarms_and_change_nothing() {
 #[test]
 fn refusals_come_in_the_order_of_the_screen_and_name_their_rule() {
     let shop = Shop::new(JOB);
-    let rule = |second, value: &str, more: &[&str]| shop.enter(second, 1, value, more)["rule"].as_str().expect("a rule").to_owned();
+    let rule = |second, value: &str, more: &[&str]| {
+        shop.enter(second, 1, value, more)["rule"]
+            .as_str()
+            .expect("a rule")
+            .to_owned()
+    };
     assert_eq!(rule(1, "", &[]), "empty");
     assert_eq!(rule(2, "abc", &[]), "not-a-number");
     assert_eq!(rule(3, "3,234.5", &[]), "ambiguous");
@@ -136,7 +164,10 @@ fn an_offset_entered_at_the_control_is_recorded_as_such() {
 #[test]
 fn an_entry_can_be_taken_back_until_a_part_was_cut_with_it() {
     let shop = Shop::new(JOB);
-    let first = shop.enter(1, 0, "3.2351", &["--part", "1"])["entry"].as_u64().expect("a number").to_string();
+    let first = shop.enter(1, 0, "3.2351", &["--part", "1"])["entry"]
+        .as_u64()
+        .expect("a number")
+        .to_string();
     let (exit, _, err) = shop.run(2, &["size", "undo", &first]);
     assert_eq!(exit, 2, "{err}");
     assert!(err.contains("needs a reason"), "{err}");
@@ -145,7 +176,10 @@ fn an_entry_can_be_taken_back_until_a_part_was_cut_with_it() {
     let (exit, _, err) = shop.run(4, &["size", "undo", &first, "--reason", "again"]);
     assert!(exit == 1 && err.contains("was taken back already"), "{exit} {err}");
 
-    let second = shop.enter(20, 0, "3.2351", &["--part", "2"])["entry"].as_u64().expect("a number").to_string();
+    let second = shop.enter(20, 0, "3.2351", &["--part", "2"])["entry"]
+        .as_u64()
+        .expect("a number")
+        .to_string();
     shop.enter(30, 0, "3.2345", &["--part", "3"]);
     let (exit, _, err) = shop.run(31, &["size", "undo", &second, "--reason", "gauge was off"]);
     assert!(exit == 1 && err.contains("--opposite"), "{exit} {err}");
@@ -183,7 +217,10 @@ fn jobs_that_make_no_sense_are_refused_with_line_and_column() {
         assert!(exit == 3 && err.contains(expected), "{exit} {err}");
     };
     let second = JOB[JOB.find("[[dim").expect("there")..].replace("DIM A", "DIM B");
-    check(&format!("{JOB}{second}"), "bad.toml:14:1: dimensions \"DIM A\" and \"DIM B\" both move sim-lathe/tool/5/wear/x_mm");
+    check(
+        &format!("{JOB}{second}"),
+        "bad.toml:14:1: dimensions \"DIM A\" and \"DIM B\" both move sim-lathe/tool/5/wear/x_mm",
+    );
     check(&JOB.replace("tolerance", "tolerence"), "bad.toml:9:1: unknown field");
     let (exit, _, err) = shop.run(1, &["size", "enter", "--dimension", "DIM Z", "3.2"]);
     assert!(exit == 2 && err.contains("it has DIM A"), "{exit} {err}");
@@ -193,7 +230,9 @@ fn files_in(folder: &Path) -> Vec<String> {
     let Ok(entries) = std::fs::read_dir(folder) else {
         return Vec::new();
     };
-    let mut names: Vec<String> = entries.map(|e| e.expect("reads").file_name().to_string_lossy().into_owned()).collect();
+    let mut names: Vec<String> = entries
+        .map(|e| e.expect("reads").file_name().to_string_lossy().into_owned())
+        .collect();
     names.sort();
     names
 }
@@ -205,12 +244,26 @@ fn macros_are_released_with_their_proof_and_fit_the_part_program() {
     std::fs::write(shop.path("part.nc"), part).expect("written");
     let program = shop.path("part.nc").display().to_string();
     for (method, files) in [
-        ("t-word", vec!["O0200.nc", "O9000.nc", "O9010.nc", "part.nc", "proof.json", "proof.txt"]),
+        (
+            "t-word",
+            vec!["O0200.nc", "O9000.nc", "O9010.nc", "part.nc", "proof.json", "proof.txt"],
+        ),
         ("g65", vec!["O0200.nc", "O8002.nc", "part.nc", "proof.json", "proof.txt"]),
     ] {
         let out = shop.path(method);
         let folder = out.display().to_string();
-        let words = ["size", "generate", "--control", "fanuc-lathe", "--out", &folder, "--method", method, "--program", &program];
+        let words = [
+            "size",
+            "generate",
+            "--control",
+            "fanuc-lathe",
+            "--out",
+            &folder,
+            "--method",
+            method,
+            "--program",
+            &program,
+        ];
         let told = shop.json(1, 0, &words);
         assert_eq!(told["proof"]["different"], 0, "{told}");
         assert!(told["proof"]["entries"].as_u64().is_some_and(|n| n >= 10_000), "{told}");
@@ -221,7 +274,10 @@ fn macros_are_released_with_their_proof_and_fit_the_part_program() {
         assert!(proof.contains("0 differences"), "{proof}");
     }
     let changed = std::fs::read_to_string(shop.path("g65").join("part.nc")).expect("reads");
-    assert!(changed.contains("N050 G65 P8002 T5. D3.2342 S3.22 B3.245 A2000."), "{changed}");
+    assert!(
+        changed.contains("N050 G65 P8002 T5. D3.2342 S3.22 B3.245 A2000."),
+        "{changed}"
+    );
 }
 
 #[test]
@@ -231,7 +287,18 @@ fn what_cannot_be_generated_writes_nothing() {
     let program = shop.path("other.nc").display().to_string();
     let out = shop.path("out");
     let folder = out.display().to_string();
-    let words = ["size", "generate", "--control", "fanuc-lathe", "--out", &folder, "--method", "g65", "--program", &program];
+    let words = [
+        "size",
+        "generate",
+        "--control",
+        "fanuc-lathe",
+        "--out",
+        &folder,
+        "--method",
+        "g65",
+        "--program",
+        &program,
+    ];
     let (exit, _, err) = shop.run(1, &words);
     assert!(exit == 1 && err.contains("never calls offset 5"), "{exit} {err}");
     assert_eq!(files_in(&out), Vec::<String>::new());

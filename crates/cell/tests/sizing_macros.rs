@@ -10,7 +10,7 @@ use gcode::{GcodeProgram, Interpretation, Setup, interpret};
 use machine::MachineParameters;
 use motion::{Limits, Trajectory};
 use plan::tables::Offset;
-use plan::{MemorySource, Missing, NoOtherFiles, Tables, ToolEntry};
+use plan::{MemorySource, Missing, Next, NoOtherFiles, ProgramStream, StepKind, Tables, ToolEntry};
 use sizing::control::Control;
 use sizing::generate::{Generated, Method, SetupEnd, generate};
 use sizing::{Job, MachineAxes};
@@ -169,6 +169,36 @@ fn a_used_entry_is_printed_for_the_records_of_the_shop() {
     };
     for part in ["JOB200", "OFS5", "IS3.23510", "BY-0.00090"] {
         assert!(line.replace(' ', "").contains(part), "{part} in {line:?}");
+    }
+}
+
+#[test]
+fn a_t_word_indexes_the_turret_exactly_once_with_an_entry_and_without() {
+    let made = generated(&job(PUBLISHED, false), Method::TWord);
+    let ready = interpret(&made.setup.text, &lathe_in_inches(BTreeMap::new()));
+    let mut text = "O1\n#140=200\nT0505\nM30\n".to_owned();
+    made.macros.iter().for_each(|m| text.push_str(&m.text));
+    for entry in [None, Some(3.2351)] {
+        let mut vars = ready.vars.clone();
+        vars.insert(501, entry);
+        let options = lathe_in_inches(vars).options();
+        let profile = gcode::profile::by_name("fanuc-lathe").expect("built in");
+        let source = Box::new(MemorySource(text.as_bytes().to_vec()));
+        let tables = Tables {
+            missing: Missing::Assume,
+            ..Tables::empty()
+        };
+        let mut stream = GcodeProgram::open(source, "part.nc", profile, Box::new(NoOtherFiles), tables, options).expect("opens");
+        let (mut indexes, mut answer) = (0, None);
+        loop {
+            match stream.next(answer.take()) {
+                Next::Step(step) => indexes += usize::from(matches!(step.kind, StepKind::Tool(_))),
+                Next::Ask(_) => answer = Some(plan::Answer::Unknown),
+                Next::End => break,
+                Next::Alarm(alarm) => panic!("{alarm}"),
+            }
+        }
+        assert_eq!(indexes, 1, "{entry:?}");
     }
 }
 
