@@ -1,5 +1,6 @@
 //! The command line: what can be asked, in the words of the manual.
 
+pub use crate::commands::size::args::SizeCommand;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -44,18 +45,19 @@ pub struct Common {
     /// Why.
     #[arg(long, global = true, value_name = "TEXT")]
     pub reason: Option<String>,
-    /// Units of printed lengths; files and JSON stay in mm.
-    #[arg(long, global = true, value_enum, default_value_t = DisplayUnits::Mm)]
-    pub units: DisplayUnits,
+    /// Units of printed lengths [default: mm; for sizes the job's]; files and JSON stay in mm.
+    #[arg(long, global = true, value_enum)]
+    pub units: Option<DisplayUnits>,
     /// The control a G-code program is written for [default: found out, with the reason].
     #[arg(long, global = true, value_name = "NAME")]
     pub dialect: Option<String>,
 }
 
 /// Units of printed lengths.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum DisplayUnits {
     /// Millimetres.
+    #[default]
     Mm,
     /// Inches.
     Inch,
@@ -96,6 +98,9 @@ pub enum Command {
     /// Keep a job's records whatever their age, or release them again; who and why is recorded.
     #[command(override_usage = "toolmark hold <JOB> --reason <TEXT>\n       toolmark hold <JOB> --release --reason <TEXT>")]
     Hold(HoldArgs),
+    /// A measured size becomes one offset change: jobs of sizes, entries, history, undo, macro programs for a control.
+    #[command(subcommand)]
+    Size(SizeCommand),
 }
 
 /// `toolmark hold`

@@ -46,6 +46,13 @@ impl Failure {
             message: format!("error: {message}"),
         }
     }
+    /// An input cannot be read, as its reader says.
+    pub fn unreadable_diagnostic(diagnostic: &Diagnostic) -> Self {
+        Failure {
+            exit: Exit::Unreadable,
+            message: diagnostic.to_string(),
+        }
+    }
     /// The machine, the network, the disk or a lock.
     pub fn machine(message: impl fmt::Display) -> Self {
         Failure {

@@ -66,6 +66,7 @@ fn run(cli: &Cli) -> u8 {
         Command::Backup(args) => commands::backup::backup(args, common),
         Command::Restore(args) => commands::backup::restore(args, common),
         Command::Hold(args) => commands::hold::hold(args, common),
+        Command::Size(command) => commands::size::size(command, common),
     };
     match done {
         Ok(exit) => exit as u8,

@@ -63,22 +63,7 @@ impl DataDirectory {
         let mut chain = end_of(&transaction, Log::Directory).map_err(&failed)??;
         let mut changes = Vec::with_capacity(requests.len());
         for request in requests {
-            // The ledger sees the one value that it may change; what it left there is what is written.
-            let mut values = BTreeMap::new();
-            if let Some(value) = read_value(&transaction, &request.path).map_err(&failed)? {
-                values.insert(request.path.clone(), value);
-            }
-            let change = ledger::change(&mut values, &mut chain, request)?;
-            insert_event(&transaction, Log::Directory, &change.event).map_err(&failed)?;
-            for (path, value) in &values {
-                transaction
-                    .execute(
-                        "INSERT INTO registers (path, value, event) VALUES (?1, ?2, ?3)
-                         ON CONFLICT (path) DO UPDATE SET value = excluded.value, event = excluded.event",
-                        params![path, value, change.event.sequence as i64],
-                    )
-                    .map_err(&failed)?;
-            }
+            let change = apply_change(&transaction, &mut chain, request, &failed, &mut || {})?;
             changes.push(change);
         }
         transaction.commit().map_err(&failed)?;
@@ -197,6 +182,34 @@ impl DataDirectory {
         transaction.commit().map_err(&failed)?;
         Ok(done)
     }
+}
+
+/// Changes one value within a transaction; `between` is called when its event is written and the value is not.
+pub(crate) fn apply_change(
+    connection: &Connection,
+    chain: &mut Chain,
+    request: &ChangeRequest,
+    failed: &dyn Fn(rusqlite::Error) -> StoreError,
+    between: &mut dyn FnMut(),
+) -> Result<Change, StoreError> {
+    // The ledger sees the one value that it may change; what it left there is what is written.
+    let mut values = BTreeMap::new();
+    if let Some(value) = read_value(connection, &request.path).map_err(failed)? {
+        values.insert(request.path.clone(), value);
+    }
+    let change = ledger::change(&mut values, chain, request)?;
+    insert_event(connection, Log::Directory, &change.event).map_err(failed)?;
+    between();
+    for (path, value) in &values {
+        connection
+            .execute(
+                "INSERT INTO registers (path, value, event) VALUES (?1, ?2, ?3)
+                 ON CONFLICT (path) DO UPDATE SET value = excluded.value, event = excluded.event",
+                params![path, value, change.event.sequence as i64],
+            )
+            .map_err(failed)?;
+    }
+    Ok(change)
 }
 
 fn read_value(connection: &Connection, path: &str) -> rusqlite::Result<Option<f64>> {

@@ -31,6 +31,7 @@ pub mod segment;
 mod server_notice;
 mod sources;
 mod table;
+pub mod sizing;
 pub mod trajectory;
 mod verify;
 mod wal;

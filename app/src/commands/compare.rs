@@ -44,7 +44,7 @@ pub fn compare(args: &CompareArgs, common: &Common) -> Done {
     if common.json {
         print_json(&report)?;
     } else {
-        report::print(&report, common.units);
+        report::print(&report, common.units.unwrap_or_default());
     }
     let judged = args.tolerance.is_some() && matches!(report.verdict, Verdict::OutOfTolerance | Verdict::Incomplete);
     Ok(if judged { Exit::Negative } else { Exit::Good })

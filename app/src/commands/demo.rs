@@ -4,6 +4,7 @@
 //! from the whole record and from positions as an MTConnect agent gives them. A shaft is turned from G-code with a worn tool; its
 //! measured size becomes one offset change, and the next shaft is better. Every number that is printed is computed here and now.
 
+use super::size::{self, Bench, Entering};
 use super::{Done, print_json};
 use crate::cli::{Common, DemoArgs, DisplayUnits};
 use crate::execution::{self, Order, Run};
@@ -14,15 +15,15 @@ use crate::{clock, files, report, say, shop};
 use asrun::{Report, Verdict, WorkingstepReport};
 use cell::sim::measure::{Feature, Gauge, Measurement, Part};
 use cell::{Ended, Fault, WorkingstepSelector};
-use ledger::ChangeRequest;
 use serde_json::{Value, json};
-use sizing::{Dimension, Entry, Present, Response, Role, Unit};
+use sizing::{Dimension, Entry, Unit};
 use std::path::{Path, PathBuf};
-use store::{DataDirectory, Register};
-use units::{Axis, Millimetres, Seconds, Timestamp, ToolNumber};
+use store::DataDirectory;
+use units::{Millimetres, Seconds, Timestamp, ToolNumber};
 
 const BRACKET: &str = include_str!("../../../corpus/bracket.stpnc");
 const SHAFT: &str = include_str!("../../../corpus/shaft.nc");
+const SIZES: &str = include_str!("../../../corpus/shaft.toml");
 
 /// The workingstep of the bracket whose set-up is wrong, and by how much, mm in the machine frame.
 const WRONG_WORKINGSTEP: &str = "side slot";
@@ -193,29 +194,16 @@ impl Story<'_> {
         (self.tell)("");
         (self.tell)("2. Two shafts from G-code: measured size in, offset out");
         let program = self.program("shaft.nc", SHAFT)?;
-        let machine = machine_for("sim", program.turns())?;
-        let register = Register::ToolWear {
-            tool: ToolNumber(3),
-            axis: Axis::X,
-        }
-        .of(&machine);
-        let seat = Dimension {
-            name: "SEAT D40".into(),
-            unit: Unit::Mm,
-            nominal: Millimetres(40.0),
-            low: Millimetres(39.950),
-            high: Millimetres(39.975),
-            target: Millimetres(39.962),
-            tool: ToolNumber(3),
-            axis: Axis::X,
-            register: register.clone(),
-            response: Response::Same,
-            window: (Millimetres(39.5), Millimetres(40.5)),
-            largest_step: Millimetres(0.1),
-            increment: Millimetres(0.001),
-            role: Role::Controls,
+        // The demo's machines are the built-in ones, whatever --machine says.
+        let common = Common {
+            machine: "sim".to_owned(),
+            ..self.common.clone()
         };
-        self.new_insert(&register)?;
+        let mut bench = Bench::load(self.directory, SIZES, Path::new("shaft.toml"), &common)?;
+        let seat = bench.dimension("SEAT D40")?.clone();
+        // A data directory that was used before holds the correction of the last demo: a new insert begins without wear.
+        let insert = self.start + Seconds(1100.0);
+        size::put_in(&mut bench, self.directory, seat.offset, &self.who(), None, insert)?;
         let feature = Feature::TurnedDiameter {
             z_from: Millimetres(-44.0),
             z_to: Millimetres(-28.0),
@@ -224,33 +212,26 @@ impl Story<'_> {
 
         let first = self.turn(&program, "shaft-1", feature, &mut gauge, self.start + Seconds(1200.0))?;
         self.say_size("first shaft", &first, &seat);
-        let entry = Entry {
-            text: format!("{:.3}", first.value.0),
-            unit: Unit::Mm,
-            who: self.who(),
-            level: 5,
-            remark: "demo".into(),
-            when: self.start + Seconds(1300.0),
-        };
-        let now = self.directory.value(&register).map_err(shop::failure)?;
-        let present = Present {
-            register: now,
+        let entering = Entering {
+            dimension: &seat.name,
+            entry: Entry {
+                text: format!("{:.3}", first.value.0),
+                unit: Unit::Mm,
+                who: self.who(),
+                level: 5,
+                remark: "demo".into(),
+                when: self.start + Seconds(1300.0),
+            },
+            part: Some(1),
             seen: None,
-            last_entry: None,
         };
-        let correction = sizing::enter(&seat, &entry, &present).map_err(|e| Failure::negative(format_args!("error: {e}")))?;
+        let entered = size::enter_size(&mut bench, self.directory, &entering, &common)?;
+        let (correction, row) = entered.map_err(|e| Failure::negative(format_args!("error: {e}")))?;
         (self.tell)(&format!("   {}", correction.effect));
-        let event = match &correction.request {
-            Some(request) => Some(self.directory.change_value(request).map_err(shop::failure)?.event),
-            None => None,
-        };
-        if let Some(event) = &event {
-            (self.tell)(&format!(
-                "   recorded as change {} of the chain, {}...",
-                event.sequence,
-                &event.hash[..12]
-            ));
-        }
+        (self.tell)(&format!(
+            "   recorded as entry {} of the chain, by {}: {}",
+            row.entry, row.who, row.why
+        ));
         let second = self.turn(&program, "shaft-2", feature, &mut gauge, self.start + Seconds(1800.0))?;
         self.say_size("second shaft", &second, &seat);
 
@@ -258,12 +239,13 @@ impl Story<'_> {
         let good = |m: &Measurement| m.value >= seat.low && m.value <= seat.high;
         let better = off(&second) < off(&first) && good(&second) && !good(&first);
         Ok(Chapter {
-            came_true: better && event.is_some(),
+            came_true: better && correction.request.is_some(),
             numbers: json!({
                 "dimension": seat.name,
                 "target_mm": seat.target.0,
                 "first_mm": first.value.0,
-                "register": register,
+                "register": correction.register,
+                "entry": row.entry,
                 "before_mm": correction.before,
                 "after_mm": correction.after,
                 "change_mm": correction.change,
@@ -272,35 +254,15 @@ impl Story<'_> {
         })
     }
 
-    /// A data directory that was used before holds the correction of the last demo: a new insert begins without wear.
-    fn new_insert(&mut self, register: &str) -> Result<(), Failure> {
-        let worn = self.directory.value(register).map_err(shop::failure)?;
-        if worn.is_some_and(|wear| wear != 0.0) {
-            let request = ChangeRequest {
-                path: register.to_owned(),
-                to: 0.0,
-                expected: worn,
-                who: self.who(),
-                why: "a new insert was put in".into(),
-                when: self.start + Seconds(1100.0),
-            };
-            self.directory.change_value(&request).map_err(shop::failure)?;
-        }
-        Ok(())
-    }
-
     fn say_size(&self, which: &str, m: &Measurement, seat: &Dimension) {
-        let word = if m.value < seat.low {
-            "too small"
+        let verdict = if m.value < seat.low {
+            sizing::Verdict::TooSmall
         } else if m.value > seat.high {
-            "too large"
+            sizing::Verdict::TooLarge
         } else {
-            "good"
+            sizing::Verdict::Good
         };
-        (self.tell)(&format!(
-            "   {which}: {} measured {:.3} mm ({:.3} to {:.3}, aim {:.3}): {word}",
-            seat.name, m.value.0, seat.low.0, seat.high.0, seat.target.0
-        ));
+        (self.tell)(&format!("   {which}: {}", size::size_words(seat, m.value, verdict)));
     }
 
     fn turn(

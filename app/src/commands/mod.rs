@@ -11,6 +11,7 @@ pub mod rebuild;
 pub mod record;
 pub mod run;
 pub mod trace;
+pub mod size;
 
 use crate::failure::{Exit, Failure};
 use crate::shop;

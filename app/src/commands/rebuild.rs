@@ -32,7 +32,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
     let tolerance = tolerance(args.tolerance)?;
     let said = Said {
         frame: args.frame,
-        units: (common.units == DisplayUnits::Inch).then_some(DisplayUnits::Inch),
+        units: (common.units == Some(DisplayUnits::Inch)).then_some(DisplayUnits::Inch),
         device: args.device.clone(),
     };
     let (record, found) = recording::read(record_file, &said)?;
@@ -91,7 +91,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
     if common.json {
         print_json(report)?;
     } else {
-        report::print(report, common.units);
+        report::print(report, common.units.unwrap_or_default());
         say(&format!("file: {}", args.out.display()));
     }
     let judged = args.tolerance.is_some() && matches!(report.verdict, Verdict::OutOfTolerance | Verdict::Incomplete);

@@ -99,7 +99,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         for gap in &done.gaps {
             say(&format!("warning: the record has a gap: {gap}"));
         }
-        report::print(&done.rebuild.report, common.units);
+        report::print(&done.rebuild.report, common.units.unwrap_or_default());
         let folder = done.folder.display();
         say(&format!(
             "files: {folder}/as-executed.stpnc, report.html, report.json, record.parquet"

@@ -1,6 +1,6 @@
 //! Reports for people: lines on the screen, and one HTML file that needs nothing else, with its numbers beside it as JSON.
 
-mod page;
+pub mod page;
 pub mod plot;
 
 use crate::cli::DisplayUnits;

@@ -14,13 +14,6 @@ pub fn html(page: &Page<'_>) -> String {
     let subject = if page.program.is_empty() { &report.name } else { page.program };
     let title = format!("{simulated}run of {subject}");
     let mut out = String::with_capacity(1 << 16);
-    let _ = write!(
-        out,
-        "<!doctype html><html lang='en'><head><meta charset='utf-8'><meta name='viewport' content='width=device-width'>\
-         <meta http-equiv='Content-Security-Policy' content=\"default-src 'none'; style-src 'unsafe-inline'\">\
-         <title>{}</title><style>{STYLE}</style></head><body><main>",
-        escape(&title)
-    );
     head(&mut out, page, &title);
     findings(&mut out, report);
     table(&mut out, report);
@@ -29,8 +22,17 @@ pub fn html(page: &Page<'_>) -> String {
         workingstep(&mut out, w);
     }
     proof(&mut out, page);
-    out.push_str("</main></body></html>\n");
-    out
+    frame(&title, &out)
+}
+
+/// A page of ours round a body: no script, nothing from outside.
+pub fn frame(title: &str, body: &str) -> String {
+    format!(
+        "<!doctype html><html lang='en'><head><meta charset='utf-8'><meta name='viewport' content='width=device-width'>\
+         <meta http-equiv='Content-Security-Policy' content=\"default-src 'none'; style-src 'unsafe-inline'\">\
+         <title>{}</title><style>{STYLE}</style></head><body><main>{body}</main></body></html>\n",
+        escape(title)
+    )
 }
 
 fn head(out: &mut String, page: &Page<'_>, title: &str) {

@@ -6,12 +6,14 @@
 //!
 //! Read on: [`source`] for where commands come from, [`office`] for the office half, [`events`] for what it writes into the log,
 //! [`sink`] for where samples and events go, [`faults`] for what can be planted, [`observe`] for a record as an MTConnect agent would
-//! see it, [`sim`] for the world and [`sim::measure`] for the simulated part on the gauge.
+//! see it, [`sim`] for the world and [`sim::measure`] for the simulated part on the gauge, [`proof`] for generated macros held against
+//! the law of sizing.
 
 pub mod events;
 pub mod faults;
 pub mod observe;
 pub mod office;
+pub mod proof;
 pub mod sim;
 pub mod sink;
 pub mod source;

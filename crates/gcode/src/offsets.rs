@@ -6,8 +6,7 @@
 use crate::block::Block;
 use crate::fault::{Fault, Outcome, Site};
 use crate::interpreter::{Interpreter, missing_word};
-use crate::macro_b::{Refusal, Value};
-use crate::profile::{Register, Side};
+use crate::profile::Side;
 use plan::{FrameChange, Missing, Severity, StepKind, ToolOffset};
 use std::collections::BTreeMap;
 use units::{Machine, Setup, ToolNumber, Transform, Vector};
@@ -34,7 +33,7 @@ impl WorkKey {
     }
 
     /// The offset and the axis (from 0) that a system variable shows.
-    fn of_variable(number: u32) -> Option<(WorkKey, usize)> {
+    pub(crate) fn of_variable(number: u32) -> Option<(WorkKey, usize)> {
         let (key, index) = match number {
             5201..=5220 => (WorkKey::External, number - 5201),
             5221..=5340 => (WorkKey::Standard(((number - 5221) / 20 + 1) as u8), (number - 5221) % 20),
@@ -159,7 +158,7 @@ impl Interpreter {
     }
 
     /// True when an offset is in the tables, or all its axes were set by the program.
-    fn is_known(&self, key: WorkKey) -> bool {
+    pub(crate) fn is_known(&self, key: WorkKey) -> bool {
         match self.frame.set_by_program.get(&key) {
             Some(axes) => self.profile.variable_axes.iter().all(|a| axes[*a]),
             None => self.tables.work_offsets.contains_key(&key.name()),
@@ -211,7 +210,7 @@ impl Interpreter {
     }
 
     /// Writes one axis of a work offset in the reader's copy; the frame follows when it is in force.
-    fn write_work_offset(&mut self, key: WorkKey, axis: usize, origin: f64) {
+    pub(crate) fn write_work_offset(&mut self, key: WorkKey, axis: usize, origin: f64) {
         let name = key.name();
         if !self.tables.work_offsets.contains_key(&name) {
             self.frame.set_by_program.insert(key, [false; 3]);
@@ -223,7 +222,7 @@ impl Interpreter {
     }
 
     /// After writes: the frame in force counted anew.
-    fn follow_work_offsets(&mut self) {
+    pub(crate) fn follow_work_offsets(&mut self) {
         let key = self.frame.key;
         let (base, known) = (self.base_of(key), self.is_known(key));
         self.change_frame(|f| {
@@ -320,9 +319,12 @@ impl Interpreter {
         if offset == self.offset {
             return;
         }
-        let gauge = self.gauge();
+        let (gauge, before) = (self.gauge(), self.tip);
         self.offset = offset;
         self.place_tip(gauge);
+        for (axis, carried) in self.carried.iter_mut().enumerate() {
+            *carried += before[axis] - self.tip[axis];
+        }
         self.emit(StepKind::ToolOffset(offset));
     }
 
@@ -439,70 +441,5 @@ impl Interpreter {
             });
         }
         Ok(())
-    }
-
-    // ---- system variables
-
-    pub(crate) fn system_variable(&self, number: u32) -> Result<Value, Refusal> {
-        let in_program = |axis: usize, mm: f64| Value::Number(mm / self.profile.factor(axis) / self.unit());
-        if let Some(value) = self.modal_variable(number) {
-            return Ok(Value::Number(value));
-        }
-        if let 5001..=5020 = number
-            && let Some(axis) = self.profile.variable_axes.get((number - 5001) as usize)
-        {
-            return Ok(in_program(*axis, self.tip[*axis]));
-        }
-        if let Some((key, index)) = WorkKey::of_variable(number)
-            && let Some(axis) = self.profile.variable_axes.get(index)
-            && self.profile.macros.fanuc_ranges
-        {
-            let origin = self.tables.work_offsets.get(&key.name()).map_or(0.0, |t| t.origin[*axis]);
-            if !self.is_known(key) && self.tables.missing == Missing::Fail && key != WorkKey::External {
-                return Err(Refusal {
-                    number: 115,
-                    message: format!("#{number} shows work offset {}, which is not in the tables", key.name()),
-                    remedy: "enter it first",
-                });
-            }
-            return Ok(in_program(*axis, origin));
-        }
-        for range in self.profile.offset_variables {
-            if number >= range.first && number - range.first < range.count {
-                let tool = number - range.first + 1;
-                let Some(entry) = self.tables.tools.get(&ToolNumber(tool)) else {
-                    // An entry that nobody made shows 0 on the control too.
-                    return Ok(Value::Number(0.0));
-                };
-                return Ok(match range.register {
-                    Register::Geometry(axis) => in_program(axis, entry.geometry.0.xyz[axis]),
-                    Register::Wear(axis) => in_program(axis, entry.wear.0.xyz[axis]),
-                    Register::Radius => Value::Number(entry.diameter.map_or(0.0, |d| d.0 / 2.0) / self.unit()),
-                    Register::RadiusWear => Value::Number(entry.radius_wear.0 / self.unit()),
-                });
-            }
-        }
-        Err(match number {
-            1000.. => Refusal::not_there_yet(number),
-            _ => Refusal::illegal(number),
-        })
-    }
-
-    pub(crate) fn write_system_variable(&mut self, number: u32, value: Value, at: usize) -> Outcome<()> {
-        if let Some((key, index)) = WorkKey::of_variable(number)
-            && let Some(axis) = self.profile.variable_axes.get(index).copied()
-            && self.profile.macros.fanuc_ranges
-        {
-            let mm = value.number() * self.unit() * self.profile.factor(axis);
-            self.write_work_offset(key, axis, mm);
-            self.follow_work_offsets();
-            return Ok(());
-        }
-        Err(match number {
-            0 | 4001..=4130 | 5001..=5120 => Refusal::write_protected(number),
-            1000.. => Refusal::not_there_yet(number),
-            _ => Refusal::illegal(number),
-        }
-        .at(at))
     }
 }

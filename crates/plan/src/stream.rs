@@ -39,7 +39,7 @@ pub enum Answer {
     Number(Option<f64>),
     /// True or false.
     Truth(bool),
-    /// The machine does not know that: the program alarms.
+    /// The machine does not know that: the program alarms, or goes on with its own count and says so.
     Unknown,
 }
 

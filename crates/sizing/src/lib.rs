@@ -8,17 +8,22 @@
 //! outside and inside alike, because the register moves the tip and not the wall; half of it for a register that counts radii; with the
 //! other sign where a larger register makes the size smaller.
 //!
-//! Read on: [`dimension`] for what a job declares, [`entry`] for reading a number as people type it, [`correction`] for checks and law,
-//! [`taking_back`] for undo.
-//!
-//! Not here: trend, several dimensions by their mean, macro text for controls.
+//! Read on: [`job`] for the file in which a job declares its sizes, [`dimension`] for what it declares, [`entry`] for reading a number as
+//! people type it, [`correction`] for checks and law, [`taking_back`] for undo, [`history`] for what is kept of an entry, [`trend`] for
+//! what several tell together, [`control`] and [`generate`] for macro programs of real controls.
 
+pub mod control;
 pub mod correction;
 pub mod dimension;
 pub mod entry;
+pub mod generate;
+pub mod history;
+pub mod job;
 pub mod taking_back;
+pub mod trend;
 
-pub use correction::{Correction, Entry, EntryError, Present, Verdict, enter};
-pub use dimension::{Conflict, Dimension, DimensionError, Response, Role, one_controls_each_register};
+pub use correction::{Correction, Entry, EntryError, Others, Present, Verdict, enter};
+pub use dimension::{Column, Conflict, Dimension, DimensionError, Kind, Response, Role, one_controls_each_register};
 pub use entry::{NotASize, Unit};
+pub use job::{Job, MachineAxes};
 pub use taking_back::{Applied, UndoError, opposite, undo};
