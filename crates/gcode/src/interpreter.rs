@@ -5,9 +5,13 @@
 //! profile's axis words, and nowhere else.
 
 use crate::block::{Block, Code, Reading, Word};
+use crate::compensation::Compensation;
+use crate::cycles::drilling::Cycle;
+use crate::cycles::roughing::ContourRequest;
+use crate::cycles::turning::Single;
+use crate::cycles::{Expansion, TurningCycles};
 use crate::fault::{Fault, Outcome, Site};
 use crate::macro_b::{MacroRules, Memory, Refusal, Value, Variables};
-use crate::motion::Cycle;
 use crate::offsets::{WorkFrame, WorkKey};
 use crate::profile::{FeedMode, G, M, Motion, Once, Plane, Profile, Side};
 use crate::program::{Options, Trace, WholeNumbers};
@@ -27,10 +31,12 @@ pub(crate) enum Item {
 }
 
 /// What happens behind a block.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Flow {
     NextBlock,
     End,
+    /// G70 to G73: the contour is read, then the cycle begins.
+    Contour(ContourRequest),
     /// M98, at this byte.
     Call {
         program: u32,
@@ -74,8 +80,18 @@ pub(crate) struct Interpreter {
     pub feed_mode: FeedMode,
     /// In force, in the unit of the feed mode: mm/s, mm, or seconds.
     pub feed: Option<f64>,
+    /// F as written, in mm: the lead of a thread.
+    pub last_f: Option<f64>,
+    /// The last move was a thread: another one goes on without waiting for the spindle's mark.
+    pub threading: bool,
     pub side: Side,
     pub cycle: Option<Cycle>,
+    pub compensation: Compensation,
+    /// A cycle that is being told, pass by pass; no line is read before it is over.
+    pub expansion: Option<Box<dyn Expansion>>,
+    pub turning_cycles: TurningCycles,
+    /// Where the last G31 stopped.
+    pub skip_position: [f64; 3],
     pub return_to_r: bool,
     pub path_mode: PathMode,
 
@@ -177,8 +193,14 @@ impl Interpreter {
                 FeedMode::PerMinute
             },
             feed: None,
+            last_f: None,
+            threading: false,
             side: Side::On,
             cycle: None,
+            compensation: Compensation::default(),
+            expansion: None,
+            turning_cycles: TurningCycles::default(),
+            skip_position: [0.0; 3],
             return_to_r: false,
             path_mode: PathMode::Tolerance(None),
             turning: Turning::Stopped,
@@ -227,6 +249,7 @@ impl Interpreter {
 
     /// The steps behind the last block: everything off, everything closed.
     pub(crate) fn finish(&mut self) {
+        self.interrupt_compensation();
         self.turning = Turning::Stopped;
         self.say_spindle();
         self.set_coolant(CoolantState::default());
@@ -238,7 +261,7 @@ impl Interpreter {
     }
 
     pub(crate) fn emit(&mut self, kind: StepKind) {
-        self.out.push_back(Item::Step(self.origin, kind));
+        self.push(Item::Step(self.origin, kind));
     }
 
     /// Notes a finding about this line; its text is made only the first time.
@@ -366,6 +389,16 @@ impl Interpreter {
             None => self.move_tip(block, said.exact_stop, site)?,
         }
         self.note_unused(block, site);
+        if let Some(fault) = self.compensation.fault.take() {
+            return Err(fault);
+        }
+        if let Some(request) = self.turning_cycles.request {
+            self.turning_cycles.request = None;
+            return Ok(Flow::Contour(request));
+        }
+        if !m_codes.is_empty() {
+            self.go_on_to_the_end()?;
+        }
         self.after_motion(m_codes, block, site)
     }
 
@@ -403,6 +436,7 @@ impl Interpreter {
                     self.motion = motion;
                     self.motion_said = true;
                     self.cycle = None;
+                    self.turning_cycles.single = None;
                     said.motion = true;
                 }
                 G::Plane(plane) => self.plane = plane,
@@ -422,7 +456,18 @@ impl Interpreter {
                 G::Length(sign) => said.length = Some((sign, at)),
                 G::Drill(kind) => {
                     said.drill = true;
-                    self.begin_cycle(kind, code.code / 10);
+                    self.begin_cycle(kind, code.code / 10, false);
+                }
+                G::SideDrill(kind) => {
+                    said.drill = true;
+                    self.begin_cycle(kind, code.code / 10, true);
+                }
+                G::Single(kind) => {
+                    self.cycle = None;
+                    self.motion_said = true;
+                    if self.turning_cycles.single.is_none_or(|s| s.kind != kind) {
+                        self.turning_cycles.single = Some(Single::new(kind));
+                    }
                 }
                 G::DrillEnd => self.cycle = None,
                 G::ReturnToR(on) => self.return_to_r = on,
@@ -496,6 +541,7 @@ impl Interpreter {
             });
             return Ok(());
         }
+        self.last_f = Some(f.value * self.unit());
         self.feed = Some(match self.feed_mode {
             FeedMode::PerMinute => f.value * self.unit() / 60.0,
             FeedMode::PerRevolution => f.value * self.unit(),
@@ -545,7 +591,10 @@ impl Interpreter {
                 }
                 _ => {}
             }
-            if on && let Some(d) = block.take(b'D') {
+            if on
+                && !self.profile.turning
+                && let Some(d) = block.take(b'D')
+            {
                 self.spindle_limit = Some(Rpm(d.value.max(0.0)));
             }
         }
@@ -682,7 +731,7 @@ impl Interpreter {
             match self.m_meaning(*m)? {
                 M::ToolChange if self.profile.tool_change_after_motion => self.change_tool(m.at, block, site)?,
                 M::Stop => self.emit(StepKind::Stop(StopKind::Program)),
-                M::OptionalStop => self.out.push_back(Item::Ask(self.origin, Question::OptionalStop)),
+                M::OptionalStop => self.push(Item::Ask(self.origin, Question::OptionalStop)),
                 M::End => {
                     self.finish();
                     flow = Flow::End;
@@ -890,6 +939,10 @@ impl Interpreter {
                 Ok(())
             }
             Once::ExactStop => Ok(()), // handled with the move
+            Once::Skip => self.skip(at, block, site),
+            Once::Contour(cycle) => self.contour_cycle(cycle, at, block, site),
+            Once::PeckColumns(deep) => self.peck_cycle(deep, at, block, site),
+            Once::ThreadCycle => self.thread_cycle(at, block, site),
         }
     }
 

@@ -12,6 +12,8 @@
 
 mod arc;
 mod block;
+mod compensation;
+mod cycles;
 pub mod detect;
 mod fault;
 pub mod inspect;

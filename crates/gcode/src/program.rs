@@ -1,5 +1,7 @@
 //! [`GcodeProgram`]: a text file as a [`plan::ProgramStream`].
 
+mod contour;
+
 use crate::block::{Block, Kind, check_behind_assignment};
 use crate::fault::{Fault, Site};
 use crate::interpreter::{Flow, Interpreter, Item};
@@ -26,6 +28,9 @@ pub struct Options {
     pub arc_tolerance: Millimetres,
     /// Highest spindle speed that is assumed when a program with constant surface speed names none.
     pub spindle_limit: Rpm,
+    /// The T word's first pair chooses a lathe's tool geometry, the second only its wear (Fanuc parameter 5002.1, LGN=1); else the second
+    /// pair chooses both.
+    pub geometry_by_station: bool,
     /// Where G30 goes; `None` when the machine has no such place.
     pub second_reference: Option<Point<Machine>>,
     /// Fanuc parameter 6004.0 turned round: `Some(true)` is NAT=0, angles from 0 to 360. `None` is the family's default.
@@ -44,6 +49,7 @@ impl Default for Options {
             variables: BTreeMap::new(),
             arc_tolerance: Millimetres(0.01),
             spindle_limit: Rpm(4000.0),
+            geometry_by_station: false,
             second_reference: None,
             angles_from_zero: None,
             inches: false,
@@ -239,9 +245,14 @@ impl GcodeProgram {
                 self.asked = Some((origin, question.clone()));
                 Some(Next::Ask(question))
             }
+            Some(answer) if matches!(question, Question::Skip { .. }) => {
+                self.interpreter.origin = origin;
+                self.interpreter.skip_answered(&question, answer);
+                None
+            }
             Some(Answer::Truth(true)) => Some(self.number_step(origin, StepKind::Stop(StopKind::Optional))),
             Some(Answer::Truth(false)) => None,
-            Some(Answer::Number(_) | Answer::Unknown) => {
+            Some(Answer::Number(_) | Answer::Place(_) | Answer::Unknown) => {
                 let line = match origin.place {
                     Place::Text { line, .. } => line,
                     _ => 0,
@@ -257,6 +268,20 @@ impl GcodeProgram {
                 None
             }
         }
+    }
+
+    /// A fault that a cycle met while it was told is an alarm of the cycle's line.
+    fn raise_late_fault(&mut self) {
+        let Some(fault) = self.interpreter.compensation.fault.take() else {
+            return;
+        };
+        let origin = self.interpreter.origin;
+        let number = match origin.place {
+            Place::Text { line, .. } => line,
+            _ => 0,
+        };
+        let name = self.file_name(origin.file).to_owned();
+        self.alarm = Some(fault.into_alarm(&name, Site { text: b"", number }));
     }
 
     /// Reads and executes one line.
@@ -307,6 +332,7 @@ impl GcodeProgram {
         match result {
             Ok(Flow::NextBlock) => {}
             Ok(Flow::End) => self.ended = true,
+            Ok(Flow::Contour(request)) => self.read_contour(request, line.number),
             Ok(Flow::Call { program, times, at }) => {
                 // Looking for the subprogram moves the window, so the place is taken down first.
                 let (name, column) = (file.name.clone(), site.column(at));
@@ -469,6 +495,10 @@ impl ProgramStream for GcodeProgram {
                     return Next::Ask(question);
                 }
                 None => {}
+            }
+            if self.interpreter.go_on() {
+                self.raise_late_fault();
+                continue;
             }
             if let Some(alarm) = &self.alarm {
                 return Next::Alarm(alarm.clone());

@@ -4,7 +4,7 @@ use crate::fault::{Fault, Outcome, Site};
 use crate::interpreter::Interpreter;
 use crate::macro_b::{Refusal, Value};
 use crate::offsets::WorkKey;
-use crate::profile::{FeedMode, Register};
+use crate::profile::{FeedMode, Motion, Register};
 use crate::text::characters;
 use plan::{Missing, StepKind, StopKind};
 use units::ToolNumber;
@@ -41,7 +41,12 @@ impl Interpreter {
     pub(crate) fn modal_variable(&self, number: u32) -> Option<f64> {
         let mill = !self.profile.turning;
         Some(match number {
-            4001 => f64::from(self.motion as u8),
+            4001 => match (self.turning_cycles.single, self.motion) {
+                (Some(single), _) => f64::from(single.code()),
+                (None, Motion::Thread) if mill => 33.0,
+                (None, Motion::Thread) => 32.0,
+                (None, motion) => f64::from(motion as u8),
+            },
             4002 if mill => f64::from(17 + self.plane as u8),
             4002 => {
                 if self.surface.is_some() {

@@ -39,9 +39,15 @@ pub struct ToolEntry {
     pub wear: Offset,
     /// Cutting diameter.
     pub diameter: Option<Millimetres>,
-    /// The D register: by how much G41 and G42 move the tool's centre off the programmed path. It is the operator's own entry and says
-    /// nothing about the tool: 0 when the program is written for the centre.
+    /// The radius register, geometry: with `radius_wear`, by how much G41 and G42 move the centre off the programmed path. On a mill it
+    /// is D, the operator's own entry, which says nothing about the tool: 0 when the program is written for the centre. On a lathe it
+    /// is R, the nose radius.
+    pub radius: Millimetres,
+    /// The radius register, wear.
     pub radius_wear: Millimetres,
+    /// Where the imaginary tip of a turning tool lies, seen from the centre of its nose: 1 to 8 as the controls number it, 0 and 9 in
+    /// the centre.
+    pub tip_direction: u8,
 }
 
 /// An offset vector in the machine frame.
