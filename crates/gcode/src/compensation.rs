@@ -87,14 +87,18 @@ pub(crate) struct Compensation {
 }
 
 impl Compensation {
-    /// True when the tool stands beside its programmed place.
-    pub(crate) fn is_engaged(&self) -> bool {
-        self.engaged.is_some()
-    }
-
     /// True when G41 or G42 asks for a radius other than 0.
     pub(crate) fn is_wanted(&self) -> bool {
         self.wanted.is_some()
+    }
+
+    /// Alarm 037 where the plane in force is not the one that G41 or G42 was said in.
+    pub(crate) fn check_plane(&self, plane: Plane) -> Outcome<()> {
+        match (&self.engaged, self.wanted) {
+            (Some(engaged), _) if engaged.offset.plane != plane => Err(plane_alarm()),
+            (_, Some(wanted)) if wanted.plane != plane => Err(plane_alarm()),
+            _ => Ok(()),
+        }
     }
 
     /// What G41 or G42 asks for; give it back to [`Compensation::restore`].
@@ -163,12 +167,6 @@ impl Interpreter {
         let plane = engaged.offset.plane;
         let [_, _, c] = plane.axes();
         let result = match self.compensation.wanted {
-            Some(wanted) if wanted.plane != plane => Err(alarm(
-                37,
-                "compensation-plane",
-                "the plane changes while cutter compensation is in force",
-                "cancel with G40 first",
-            )),
             _ if length_in(plane, &path) <= NO_LENGTH => {
                 let (origin, level) = (self.origin, path.end().xyz[c]);
                 match engaged.pending {
@@ -631,6 +629,15 @@ fn distance3(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 fn alarm(number: u32, code: &'static str, message: impl Into<String>, remedy: &str) -> Box<Fault> {
     Fault::new(0, number, code, message, remedy)
+}
+
+fn plane_alarm() -> Box<Fault> {
+    alarm(
+        37,
+        "compensation-plane",
+        "the plane changes while cutter compensation is in force",
+        "cancel with G40 first",
+    )
 }
 
 fn interference() -> Box<Fault> {

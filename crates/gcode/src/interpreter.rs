@@ -619,12 +619,17 @@ impl Interpreter {
                 self.revolutions = s.value;
             }
         }
+        let mut oriented = self.spindle == SpindleState::Oriented;
         for m in m_codes {
             match self.m_meaning(*m)? {
                 M::Clockwise => self.start_spindle(Turning::Clockwise, m.at, site),
                 M::Counterclockwise => self.start_spindle(Turning::Counterclockwise, m.at, site),
                 M::SpindleStop => self.turning = Turning::Stopped,
                 M::RigidTapping => self.rigid_tapping = true,
+                M::Orient => {
+                    self.orient();
+                    oriented = true;
+                }
                 _ => {}
             }
         }
@@ -638,7 +643,10 @@ impl Interpreter {
                 )
             });
         }
-        self.say_spindle();
+        // An oriented spindle stays so until something turns it.
+        if !(oriented && self.turning == Turning::Stopped) {
+            self.say_spindle();
+        }
         Ok(())
     }
 

@@ -410,8 +410,11 @@ impl Interpreter {
                 at
             }
             (None, Some(d)) if self.side != Side::On => d.at,
-            _ => return Ok(()),
+            _ => return self.compensation.check_plane(self.plane),
         };
+        if self.side != Side::On {
+            self.compensation.check_plane(self.plane)?;
+        }
         self.follow_radius(Some((at, site)))
     }
 

@@ -359,6 +359,8 @@ pub enum M {
     Counterclockwise,
     /// M5.
     SpindleStop,
+    /// M19: the spindle stops at its fixed angle.
+    Orient,
     /// M6.
     ToolChange,
     /// M7.
@@ -485,7 +487,7 @@ pub const FANUC_MILL: Profile = Profile {
         (7, M::Mist),
         (8, M::Flood),
         (9, M::CoolantOff),
-        (19, M::Harmless("spindle orientation")),
+        (19, M::Orient),
         (29, M::RigidTapping),
         (30, M::End),
         (48, M::Harmless("override switches on")),
@@ -627,7 +629,7 @@ pub const FANUC_LATHE: Profile = Profile {
         (9, M::CoolantOff),
         (10, M::Harmless("chuck")),
         (11, M::Harmless("chuck")),
-        (19, M::Harmless("spindle orientation")),
+        (19, M::Orient),
         (23, M::Harmless("chamfering on")),
         (24, M::Harmless("chamfering off")),
         (29, M::RigidTapping),
@@ -788,7 +790,7 @@ pub const RS274: Profile = Profile {
         (7, M::Mist),
         (8, M::Flood),
         (9, M::CoolantOff),
-        (19, M::Harmless("spindle orientation")),
+        (19, M::Orient),
         (30, M::End),
         (48, M::Harmless("override switches on")),
         (49, M::Harmless("override switches off")),

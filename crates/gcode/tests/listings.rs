@@ -136,9 +136,9 @@ fn drilling_cycles_hole_by_hole() {
             18 spindle cw 500 rpm
             19 line 85 10 -7 -> 70 10 -7 rapid
             19 line 70 10 -7 -> 70 10 3 rapid
-            19 line 70 10 3 -> 70 10 -6 F500/min
+            19 line 70 10 3 -> 70 10 -6 thread 1/rev from 0deg
             19 spindle ccw 500 rpm
-            19 line 70 10 -6 -> 70 10 3 F500/min
+            19 line 70 10 -6 -> 70 10 3 thread 1/rev on
             19 spindle cw 500 rpm
             21 spindle stopped
             21 end Workingstep
@@ -565,10 +565,10 @@ fn what_is_wrong_is_said_with_line_column_and_remedy() {
         "#]],
         ),
         (
-            "G21\nT2 M6\nF100. G41 D2 X5.",
+            "G21\nT2 M6\nF100. G41 D2 G2 X305. R10.",
             expect![[r#"
-            error: test.nc:3:7: cutter compensation with a radius of 4.0000 mm (D2) is not there yet; have the CAM system give the path of the tool's centre and set D to 0
-        "#]],
+                alarm 34: error: test.nc:3:1: cutter compensation is begun with an arc; begin and cancel it with a straight move (G0, G1)
+            "#]],
         ),
         (
             "G21\n  IF [#1 EQ 0] GOTO 5",
@@ -651,8 +651,8 @@ fn what_is_wrong_is_said_with_line_column_and_remedy() {
         (
             "G21 G0 Z5.\nG81 Z3. R2. F100.",
             expect![[r#"
-            error: test.nc:2:5: the bottom of the hole (3.0000 mm) lies above R (2.0000 mm); correct R or the depth
-        "#]],
+                error: test.nc:2:5: the bottom of the hole (3.0000 mm) lies above R (2.0000 mm), and G81 goes down from R; correct R or the depth
+            "#]],
         ),
         (
             "G21 G91 G53 Z0",
@@ -671,9 +671,9 @@ fn what_is_wrong_is_said_with_line_column_and_remedy() {
         "#]],
         ),
         (
-            "G21 T0101\nG71 U2. R1.",
+            "G21 T0101\nG71 U2. R1.\nM3 S500 G99\nG71 P10 Q20 F0.2",
             expect![[r#"
-            error: test.nc:2:1: the roughing cycle (G71) is not there yet; leave it out, or write the moves out by the CAM system
+            alarm 63: error: test.nc:4:1: G71 looks for block N10, which is not in this program; correct P and Q, or number the blocks of the contour
         "#]],
         ),
         (

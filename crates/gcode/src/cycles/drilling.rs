@@ -245,7 +245,7 @@ impl Interpreter {
     }
 
     /// Stops the spindle at its fixed angle.
-    fn orient(&mut self) {
+    pub(crate) fn orient(&mut self) {
         self.turning = Turning::Stopped;
         self.spindle = SpindleState::Oriented;
         self.emit(StepKind::Spindle(SpindleState::Oriented));
