@@ -18,14 +18,30 @@ pub(crate) enum Act {
     /// As the block's codes say.
     Flow(Flow),
     Call(Box<ProgramCall>),
-    Goto { number: u32, at: usize },
+    Goto {
+        number: u32,
+        at: usize,
+    },
     /// DO, and whether its body is gone through now.
-    Do { enters: bool, label: u8, at: usize },
-    EndDo { label: u8, at: usize },
+    Do {
+        enters: bool,
+        label: u8,
+        at: usize,
+    },
+    EndDo {
+        label: u8,
+        at: usize,
+    },
 }
 
 /// Executes a line that holds words or a macro statement.
-pub(crate) fn act(interpreter: &mut Interpreter, block: &mut Block, line: &Line, site: Site<'_>, stack: &mut Stack) -> Outcome<Act> {
+pub(crate) fn act(
+    interpreter: &mut Interpreter,
+    block: &mut Block,
+    line: &Line,
+    site: Site<'_>,
+    stack: &mut Stack,
+) -> Outcome<Act> {
     if let Some(statement) = &line.statement {
         if let Some(n) = line.sequence {
             interpreter.last_n = n;
@@ -193,7 +209,15 @@ impl Interpreter {
     }
 
     /// DPRNT, BPRNT.
-    fn print(&mut self, binary: bool, pieces: &[Piece], line: &Line, at: usize, site: Site<'_>, stack: &mut Stack) -> Outcome<()> {
+    fn print(
+        &mut self,
+        binary: bool,
+        pieces: &[Piece],
+        line: &Line,
+        at: usize,
+        site: Site<'_>,
+        stack: &mut Stack,
+    ) -> Outcome<()> {
         let mut text = String::new();
         for piece in pieces {
             match piece {

@@ -3,8 +3,8 @@
 //! A [`Block`] is filled again and again from a [`Line`], which knows what the text says; values of variables come in here. Meaning is
 //! given to it elsewhere.
 
-use crate::fault::{Fault, Outcome};
 use crate::evaluate::{Stack, Variables, evaluate};
+use crate::fault::{Fault, Outcome};
 use crate::line::{Line, Source};
 use crate::macro_b::MacroRules;
 
@@ -124,7 +124,13 @@ impl Block {
     }
 
     /// Takes the words of a line, with the values that their variables hold now.
-    pub(crate) fn fill<V: Variables>(&mut self, line: &Line, rules: &MacroRules, variables: &V, stack: &mut Stack) -> Outcome<()> {
+    pub(crate) fn fill<V: Variables>(
+        &mut self,
+        line: &Line,
+        rules: &MacroRules,
+        variables: &V,
+        stack: &mut Stack,
+    ) -> Outcome<()> {
         (self.present, self.used, self.g_count, self.m_count) = (0, 0, 0, 0);
         (self.comment, self.semicolon, self.twice, self.corner) = (line.comment, line.semicolon, None, None);
         for said in &line.words {

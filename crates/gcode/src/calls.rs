@@ -73,7 +73,12 @@ impl Interpreter {
                 }
                 _ if self.in_code_call || self.settings.g_calls.is_empty() => {}
                 code_times_ten => {
-                    let call = self.settings.g_calls.iter().find(|c| u32::from(c.code) * 10 == u32::from(code_times_ten)).copied();
+                    let call = self
+                        .settings
+                        .g_calls
+                        .iter()
+                        .find(|c| u32::from(c.code) * 10 == u32::from(code_times_ten))
+                        .copied();
                     if let Some(call) = call {
                         let given = self.given_words(line, stack)?;
                         let (locals, _, times) = self.arguments(&given, Some((b'G', code.at)), code.at, false)?;

@@ -270,7 +270,9 @@ fn apply(rules: &MacroRules, function: Function, a: f64, b: Option<f64>, at: usi
         Function::Fup if rules.floored => libm::ceil(a),
         Function::Fup if a < 0.0 => libm::floor(a),
         Function::Fup => libm::ceil(a),
-        Function::Bin => recode(a, 16, 10).ok_or_else(|| illegal(119, "BIN", "decimal digits packed as hexadecimal are allowed"))?,
+        Function::Bin => {
+            recode(a, 16, 10).ok_or_else(|| illegal(119, "BIN", "decimal digits packed as hexadecimal are allowed"))?
+        }
         Function::Bcd => recode(a, 10, 16).ok_or_else(|| illegal(119, "BCD", "0 to 99999999 is allowed"))?,
         Function::Pow => libm::pow(a, b.unwrap_or_default()),
         Function::AddPoint => a,
@@ -279,7 +281,11 @@ fn apply(rules: &MacroRules, function: Function, a: f64, b: Option<f64>, at: usi
 
 /// Sine of an angle in degrees, exact at multiples of 90: a program that moves by `COS[90]` must not move by 6e-17.
 fn sin_degrees(angle: f64) -> f64 {
-    let turn = if angle.abs() < 360.0 { angle } else { libm::fmod(angle, 360.0) };
+    let turn = if angle.abs() < 360.0 {
+        angle
+    } else {
+        libm::fmod(angle, 360.0)
+    };
     let quarters = libm::round(turn / 90.0);
     let rest = (turn - 90.0 * quarters).to_radians();
     match (quarters as i32).rem_euclid(4) {

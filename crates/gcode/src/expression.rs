@@ -372,7 +372,6 @@ impl<'a> Parser<'a> {
         Ok(inside)
     }
 
-
     /// Takes a `[` and gives its place.
     fn open_bracket(&mut self) -> Outcome<usize> {
         let open = self.at_next();

@@ -80,6 +80,7 @@ impl GcodeProgram {
                         self.ended = true;
                         Ok(())
                     }
+                    Act::Flow(Flow::Contour(request)) => self.read_contour(request),
                     Act::Flow(Flow::Call { program, times, at }) => self.call(ProgramCall {
                         program,
                         times,
@@ -129,7 +130,7 @@ impl GcodeProgram {
     }
 
     /// To a block of the current file; gives its kept line.
-    fn go_to(&mut self, place: Place) -> Option<u32> {
+    pub(crate) fn go_to(&mut self, place: Place) -> Option<u32> {
         self.next_kept = self.kept.find(self.current, place.offset);
         if self.next_kept.is_none() {
             self.seek(self.current, place);
@@ -323,7 +324,13 @@ impl GcodeProgram {
         };
         if depth >= usize::from(deepest) {
             let message = format!("{what} are nested more than {deepest} deep");
-            return Err(Fault::new(call.at, 77, "call-depth", message, "call it from a shallower level"));
+            return Err(Fault::new(
+                call.at,
+                77,
+                "call-depth",
+                message,
+                "call it from a shallower level",
+            ));
         }
         let mut found = None;
         for file in [self.current, 0] {
@@ -336,7 +343,10 @@ impl GcodeProgram {
             Some(found) => found,
             None => self.open_program(call.program, call.at)?,
         };
-        let saved = call.locals.as_ref().map(|locals| Box::new(self.interpreter.memory.enter(locals)));
+        let saved = call
+            .locals
+            .as_ref()
+            .map(|locals| Box::new(self.interpreter.memory.enter(locals)));
         self.frames.push(Frame {
             return_file: self.current,
             return_to: self.here.after,
@@ -407,7 +417,10 @@ impl GcodeProgram {
                 self.go_to(frame.return_to);
                 Ok(())
             }
-            Some(number) => match self.targets.block(&mut self.files, self.current, self.body, frame.return_to, number) {
+            Some(number) => match self
+                .targets
+                .block(&mut self.files, self.current, self.body, frame.return_to, number)
+            {
                 Some(place) => {
                     self.leave_loops(place);
                     if place < frame.return_to {

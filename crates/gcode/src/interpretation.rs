@@ -266,7 +266,7 @@ fn finish(mut program: GcodeProgram) -> Interpretation {
 fn of_its_own(question: &Question) -> Answer {
     match question {
         Question::OptionalStop => Answer::Truth(false),
-        Question::Condition(_) | Question::Number(_) => Answer::Unknown,
+        Question::Condition(_) | Question::Number(_) | Question::Skip { .. } => Answer::Unknown,
     }
 }
 

@@ -14,6 +14,8 @@ mod acting;
 mod arc;
 mod block;
 mod calls;
+mod compensation;
+mod cycles;
 pub mod detect;
 mod evaluate;
 mod expression;

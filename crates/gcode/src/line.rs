@@ -115,7 +115,10 @@ impl Line {
                     self.semicolon = text[at + 1..].iter().any(|b| !matches!(b, b' ' | b'\t')).then_some(at);
                     break;
                 }
-                b',' if text.get(at + 1).is_some_and(|c| matches!(c.to_ascii_uppercase(), b'C' | b'R' | b'A')) => {
+                b',' if text
+                    .get(at + 1)
+                    .is_some_and(|c| matches!(c.to_ascii_uppercase(), b'C' | b'R' | b'A')) =>
+                {
                     let letter = text[at + 1].to_ascii_lowercase();
                     at = self.word(text, at + 1, letter, &reading.macros)?;
                     self.kind = Kind::Words;

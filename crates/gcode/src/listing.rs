@@ -224,7 +224,9 @@ fn behind_head(text: &[u8]) -> &[u8] {
 
 /// The sequence number at the head of a block.
 fn sequence_of(text: &[u8]) -> Option<u32> {
-    let [b'N' | b'n', rest @ ..] = behind_head(text) else { return None };
+    let [b'N' | b'n', rest @ ..] = behind_head(text) else {
+        return None;
+    };
     let rest = rest.trim_ascii_start();
     let digits = rest.iter().take_while(|b| b.is_ascii_digit()).count();
     match digits {

@@ -229,7 +229,11 @@ impl Memory {
         if number >= *KEPT.start() && !self.kept_before.iter().any(|(n, _)| *n == number) {
             self.kept_before.push((number, *place));
         }
-        *place = if value.is_nan() && self.rules.unset_is_zero { 0.0 } else { value };
+        *place = if value.is_nan() && self.rules.unset_is_zero {
+            0.0
+        } else {
+            value
+        };
         self.changes += 1;
     }
 

@@ -12,7 +12,8 @@ impl Parameters {
     /// # Errors
     /// The key is neither a number nor number and bit, or the value of a bit is not 0 or 1.
     pub fn set(&mut self, key: &str, value: f64) -> Result<(), String> {
-        let wrong = || format!("parameter \"{key}\": a number such as \"6050\", or number and bit such as \"6001.5\", was expected");
+        let wrong =
+            || format!("parameter \"{key}\": a number such as \"6050\", or number and bit such as \"6001.5\", was expected");
         let (number, bit) = match key.split_once('.') {
             Some((number, bit)) => (number, Some(bit)),
             None => (key, None),
@@ -141,7 +142,10 @@ mod tests {
         p.set("6001.5", 1.0).unwrap();
         p.set("6001.1", 0.0).unwrap();
         p.set("6050", -100.0).unwrap();
-        assert_eq!((p.bit(6001, 5), p.bit(6001, 1), p.bit(6004, 0)), (Some(true), Some(false), None));
+        assert_eq!(
+            (p.bit(6001, 5), p.bit(6001, 1), p.bit(6004, 0)),
+            (Some(true), Some(false), None)
+        );
         assert_eq!(p.value(6001), 32.0);
         let s = Settings::of(&p);
         assert!(s.t_calls && s.g_calls[0].modal && s.g_calls[0].program == 9010);

@@ -56,7 +56,11 @@ mod tests {
             (0.0005, (1, 3), true, "0.001"),
             (0.5, (0, 2), true, ".50"),
         ] {
-            assert_eq!(printed(value, field.0, field.1, no_zeros, false), expected, "{value} {field:?}");
+            assert_eq!(
+                printed(value, field.0, field.1, no_zeros, false),
+                expected,
+                "{value} {field:?}"
+            );
         }
         assert_eq!(printed(123.456, 2, 0, true, true), "123");
         assert_eq!(binary(-1.0, 0), "\u{ff}\u{ff}\u{ff}\u{ff}");

@@ -45,7 +45,11 @@ pub(crate) enum Statement {
 pub(crate) enum Piece {
     Text(String),
     /// A variable with digits before and behind the point.
-    Number { value: Expression, whole: u8, decimals: u8 },
+    Number {
+        value: Expression,
+        whole: u8,
+        decimals: u8,
+    },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -125,7 +129,10 @@ pub(crate) fn no_keyword(text: &[u8], at: usize) -> Box<Fault> {
         at,
         5,
         "word-without-number",
-        format!("expected a number behind {}, found {shown}", char::from(text[at].to_ascii_uppercase())),
+        format!(
+            "expected a number behind {}, found {shown}",
+            char::from(text[at].to_ascii_uppercase())
+        ),
         "a word is a letter and a number; put remarks in ( )",
     )
 }
@@ -246,7 +253,9 @@ impl Parser<'_> {
         self.peek();
         let digits = self.text[self.at..].iter().take_while(|c| c.is_ascii_digit()).count();
         let label = &self.text[self.at..self.at + digits];
-        let number = label.iter().fold(0_u32, |n, d| n.saturating_mul(10).saturating_add(u32::from(d - b'0')));
+        let number = label
+            .iter()
+            .fold(0_u32, |n, d| n.saturating_mul(10).saturating_add(u32::from(d - b'0')));
         self.at += digits;
         if digits == 0 || !(1..=3).contains(&number) || self.text.get(self.at) == Some(&b'.') {
             let found = match self.text.get(self.at) {

@@ -42,7 +42,8 @@ fn differences(case: &Value) -> Vec<String> {
         _ => a == b,
     };
     let mut wrong = Vec::new();
-    let mut tell = |what: &str, expected: &Value, found: &Value| wrong.push(format!("{what}: expected {expected}, found {found}"));
+    let mut tell =
+        |what: &str, expected: &Value, found: &Value| wrong.push(format!("{what}: expected {expected}, found {found}"));
     for (key, expected) in expect.as_object().expect("an object") {
         let found = &found[key];
         match key.as_str() {
