@@ -18,6 +18,7 @@
 //! | `dwell` | `time_s` |
 //! | `message` | `text` |
 //! | `stop` | `kind` (`program`, `optional`) |
+//! | `register` | `register` (`tool 5 wear X`, `G54 X`, `#501`), `before`, `after`: written by the program; null is vacant |
 //! | `nc-function` | `kind`, `name`, `text`, `properties` |
 //! | `question` | `question`, `answer` |
 //! | `alarm` | `number`, `code`, `text` |
@@ -90,6 +91,10 @@ pub fn of_step(step: &Step) -> Option<(&'static str, Detail)> {
         StepKind::Stop(kind) => (
             "stop",
             json!({ "kind": match kind { StopKind::Program => "program", StopKind::Optional => "optional" } }),
+        ),
+        StepKind::Register(change) => (
+            "register",
+            json!({ "register": change.register.name(), "before": change.before, "after": change.after }),
         ),
         StepKind::NcFunction(function) => (
             "nc-function",

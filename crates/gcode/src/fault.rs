@@ -1,12 +1,12 @@
 //! What stops a program, on its way to becoming a [`plan::Alarm`]: known by its byte in the line until the line's place is added.
 
-use plan::{Alarm, Diagnostic};
+use plan::{Alarm, Diagnostic, Question};
 
 /// A result of reading or executing part of a block.
 pub(crate) type Outcome<T> = Result<T, Box<Fault>>;
 
 /// Why a block cannot be executed.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Fault {
     /// The control's alarm number; 0 when it has none.
     pub number: u32,
@@ -16,6 +16,8 @@ pub(crate) struct Fault {
     pub remedy: String,
     /// The byte of the line it is about, from 0.
     pub at: usize,
+    /// It is no fault: the block waits until the machine has answered this, and is executed again.
+    pub ask: Option<Question>,
 }
 
 impl Fault {
@@ -32,6 +34,7 @@ impl Fault {
             message: message.into(),
             remedy: remedy.into(),
             at,
+            ask: None,
         })
     }
 

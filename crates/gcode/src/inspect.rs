@@ -207,6 +207,7 @@ impl Reading {
             | StepKind::ToolOffset(_)
             | StepKind::Frame(_)
             | StepKind::PathMode(_)
+            | StepKind::Register(_)
             | StepKind::Message(_)
             | StepKind::Stop(_) => {}
         }

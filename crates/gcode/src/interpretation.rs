@@ -4,6 +4,7 @@
 //! program's own count: an axis is where the program has sent it, and time passes by dwells, feeds and a millisecond a block.
 
 use crate::macro_b::Value;
+use crate::parameters::Parameters;
 use crate::profile::{self, Profile};
 use crate::program::{GcodeProgram, Options};
 use plan::{Alarm, Answer, Diagnostic, MemorySource, Next, NoOtherFiles, ProgramStream, Question, Resolver, Tables};
@@ -132,7 +133,7 @@ pub struct Stop {
 
 /// Interprets a program that stands in one text.
 pub fn interpret(text: &str, setup: &Setup) -> Interpretation {
-    match Setup::profile(setup) {
+    match setup.parameters().and_then(|_| setup.profile()) {
         Ok(profile) => {
             let source = Box::new(MemorySource(text.as_bytes().to_vec()));
             let options = Options {
@@ -160,6 +161,7 @@ pub fn interpret_file(
     resolver: Box<dyn Resolver>,
     setup: &Setup,
 ) -> Result<Interpretation, Box<Diagnostic>> {
+    setup.parameters().map_err(Box::new)?;
     let options = Options {
         trace: true,
         ..setup.options()
@@ -185,9 +187,23 @@ impl Setup {
         })
     }
 
-    /// What it says to the reader.
+    /// Its control parameters.
+    ///
+    /// # Errors
+    /// A key is no parameter.
+    pub fn parameters(&self) -> Result<Parameters, Diagnostic> {
+        let mut all = Parameters::default();
+        for (key, value) in &self.params {
+            all.set(key, *value)
+                .map_err(|message| Diagnostic::error("unknown-parameter", message))?;
+        }
+        Ok(all)
+    }
+
+    /// What it says to the reader; parameters that [`Setup::parameters`] refuses count for nothing.
     pub fn options(&self) -> Options {
         Options {
+            parameters: self.parameters().unwrap_or_default(),
             variables: self.vars.iter().filter_map(|(n, v)| v.map(|v| (*n, v))).collect(),
             inches: self.units == Unit::Inch,
             block_skip: self.block_skip.iter().fold(0, |bits, n| bits | 1 << (n.clamp(&1, &9) - 1)),

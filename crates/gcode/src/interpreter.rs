@@ -4,15 +4,17 @@
 //! Lengths in here are millimetres, X of a lathe is a radius: words are converted by [`Interpreter::length`] and the factors of the
 //! profile's axis words, and nowhere else.
 
-use crate::block::{Block, Code, Reading, Word};
+use crate::block::{Block, Code, Word};
+use crate::calls::ModalCall;
 use crate::compensation::Compensation;
 use crate::cycles::drilling::Cycle;
 use crate::cycles::roughing::ContourRequest;
 use crate::cycles::turning::Single;
 use crate::cycles::{Expansion, TurningCycles};
 use crate::fault::{Fault, Outcome, Site};
-use crate::macro_b::{MacroRules, Memory, Refusal, Value, Variables};
+use crate::macro_b::{MacroRules, Memory};
 use crate::offsets::{WorkFrame, WorkKey};
+use crate::parameters::Settings;
 use crate::profile::{FeedMode, G, M, Motion, Once, Plane, Profile, Side};
 use crate::program::{Options, Trace, WholeNumbers};
 use crate::text::characters;
@@ -20,7 +22,7 @@ use plan::{
     CoolantState, Diagnostic, Diagnostics, Feed, FileId, Level, Marker, Missing, Origin, PathMode, Place, Question, Severity,
     SpindleMode, SpindleState, StepKind, StopKind, Tables, ToolCall, ToolOffset,
 };
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use units::{MM_PER_INCH, Millimetres, MmPerSec, Rpm, ToolNumber};
 
 /// What a block gives, in order.
@@ -43,7 +45,11 @@ pub(crate) enum Flow {
         times: u32,
         at: usize,
     },
-    Return,
+    /// M99, M99 P.
+    Return {
+        to: Option<u32>,
+        at: usize,
+    },
 }
 
 /// Most items one block may give; a drilling block that gives more has a wrong Q or K.
@@ -116,6 +122,35 @@ pub(crate) struct Interpreter {
     pub program_number: u32,
     pub last_m: u16,
     pub last_n: u32,
+    /// S as programmed last.
+    pub last_s: Option<f64>,
+
+    pub settings: Settings,
+    /// Names that SETVN gave to variables.
+    pub names: BTreeMap<u32, String>,
+    /// System variables that are mere storage, and what was given before the start.
+    pub given: BTreeMap<u32, f64>,
+    /// System variables that were given or written, for the report.
+    pub written: BTreeSet<u32>,
+    /// What the machine answered for the line being executed.
+    pub answers: BTreeMap<String, f64>,
+    pub last_powered: Option<f64>,
+    /// Seconds since power on at which #3001 was 0.
+    pub timer_zero: f64,
+    /// Seconds that pass where no machine is asked.
+    pub nominal: f64,
+    pub printer_open: bool,
+    /// Modal calls in force, outer first, and how many of them are running.
+    pub modal: Vec<ModalCall>,
+    pub modal_running: usize,
+    /// In a program that a code called: such codes are plain there.
+    pub in_code_call: bool,
+    /// The block has moved an axis.
+    pub moved: bool,
+    /// Something moved since the read-ahead was stopped.
+    pub moved_since_stop: bool,
+    /// How far the programmed place is from the tip: offsets that came into force since the axis was named.
+    pub carried: [f64; 3],
     pub trace: Trace,
 }
 
@@ -141,26 +176,14 @@ struct Said {
     path: Option<(PathMode, usize)>,
 }
 
-impl Variables for Interpreter {
-    fn read(&self, number: u32) -> Result<Value, Refusal> {
-        if self.memory.has(number) {
-            Ok(self.memory.read(number))
-        } else {
-            self.system_variable(number)
-        }
-    }
-}
-
 impl Interpreter {
     pub(crate) fn new(profile: &'static Profile, options: &Options, tables: &Tables, file: &str) -> Self {
         let mut macros = profile.macros;
-        if let Some(from_zero) = options.angles_from_zero {
+        let angles = options.angles_from_zero.or(options.parameters.bit(6004, 0).map(|nat| !nat));
+        if let Some(from_zero) = angles {
             macros.angles_from_zero = from_zero;
         }
-        let mut memory = Memory::new(macros);
-        for (number, value) in &options.variables {
-            memory.write(*number, Value::Number(*value));
-        }
+        let memory = Memory::new(macros);
         let mut new = Interpreter {
             profile,
             macros,
@@ -220,18 +243,95 @@ impl Interpreter {
             program_number: 0,
             last_m: 0,
             last_n: 0,
+            last_s: None,
+            settings: Settings::of(&options.parameters),
+            names: BTreeMap::new(),
+            given: BTreeMap::new(),
+            written: BTreeSet::new(),
+            answers: BTreeMap::new(),
+            last_powered: None,
+            timer_zero: 0.0,
+            nominal: 0.0,
+            printer_open: false,
+            modal: Vec::new(),
+            modal_running: 0,
+            in_code_call: false,
+            moved: false,
+            moved_since_stop: false,
+            carried: [0.0; 3],
             trace: Trace::default(),
         };
         new.tip = new.tables.position.xyz;
+        match options.parameters.bit(3401, 0) {
+            Some(true) => new.options.whole_numbers = WholeNumbers::Units,
+            Some(false) => new.options.whole_numbers = WholeNumbers::Increments,
+            None => {}
+        }
+        new.given(options);
         new
     }
 
-    /// What the lexer has to know.
-    pub(crate) fn reading(&self) -> Reading {
-        Reading {
-            macros: self.macros,
-            block_skip: self.options.block_skip,
+    /// Variables that hold something at the start.
+    fn given(&mut self, options: &Options) {
+        for (number, value) in &options.variables {
+            if let Err(fault) = self.give(*number, *value) {
+                self.remarks.add(
+                    Diagnostic::warning(
+                        "variable-given",
+                        format!("#{number} = {value} before the start: {}", fault.message),
+                    )
+                    .in_file(self.file.clone())
+                    .remedy("give it to another variable"),
+                );
+            }
         }
+        // What was there before the program is no change of it.
+        self.out.clear();
+        self.memory.kept_before.clear();
+    }
+
+    /// The machine's answer for the line being executed.
+    pub(crate) fn answer(&mut self, name: &str, value: f64) {
+        if name == "EQUIPMENT_TIMER.POWERED" {
+            self.last_powered = Some(value);
+        }
+        self.memory.changes += 1;
+        self.answers.insert(name.to_owned(), value);
+    }
+
+    /// The line is done: the next one asks anew.
+    pub(crate) fn forget_answers(&mut self) {
+        if !self.answers.is_empty() {
+            self.answers.clear();
+        }
+    }
+
+    /// What decides about the next blocks besides variables.
+    pub(crate) fn fingerprint(&self) -> [f64; 12] {
+        let switches = [
+            self.inches,
+            self.incremental,
+            self.absolute_centres,
+            self.return_to_r,
+            self.cycle.is_some(),
+            self.surface.is_some(),
+            self.printer_open,
+        ];
+        let switches = switches.iter().fold(0, |bits, on| bits * 2 + u32::from(*on));
+        [
+            self.tip[0],
+            self.tip[1],
+            self.tip[2],
+            f64::from(switches),
+            f64::from(self.motion as u8) + 16.0 * f64::from(self.plane as u8) + 256.0 * f64::from(self.side as u8),
+            self.feed.unwrap_or(-1.0),
+            f64::from(self.tool.unwrap_or(u32::MAX)) + f64::from(self.offset.number) * 1e10,
+            f64::from(self.h) * 1e4 + f64::from(self.d) + f64::from(self.length_sign) * 1e9,
+            self.frame.origin()[0],
+            self.frame.origin()[1],
+            self.frame.origin()[2],
+            self.modal.len() as f64 + self.surface.unwrap_or(self.revolutions) * 1e3,
+        ]
     }
 
     /// The steps before the first block: the program begins, in the frame of G54.
@@ -609,6 +709,7 @@ impl Interpreter {
                     "use M4 to turn the other way",
                 ));
             }
+            self.last_s = Some(s.value);
             if limits {
                 self.spindle_limit = Some(Rpm(s.value));
             } else if self.surface.is_some() {
@@ -699,6 +800,13 @@ impl Interpreter {
         let codes = self.profile.m;
         match codes.binary_search_by_key(&m.code, |(c, _)| *c) {
             Ok(i) => Ok(codes[i].1),
+            Err(_) if matches!(m.code, 96 | 97) && self.macros.fanuc_ranges => Err(Fault::new(
+                m.at,
+                113,
+                "not-available",
+                format!("M{}: interruption macros are not available", m.code),
+                "call the macro where it is needed, by G65",
+            )),
             Err(_) => Err(Fault::new(
                 m.at,
                 0,
@@ -738,7 +846,10 @@ impl Interpreter {
         for m in m_codes {
             match self.m_meaning(*m)? {
                 M::ToolChange if self.profile.tool_change_after_motion => self.change_tool(m.at, block, site)?,
-                M::Stop => self.emit(StepKind::Stop(StopKind::Program)),
+                M::Stop => {
+                    self.moved_since_stop = false;
+                    self.emit(StepKind::Stop(StopKind::Program));
+                }
                 M::OptionalStop => self.push(Item::Ask(self.origin, Question::OptionalStop)),
                 M::End => {
                     self.finish();
@@ -746,10 +857,8 @@ impl Interpreter {
                 }
                 M::Call => flow = self.call(m.at, block)?,
                 M::Return => {
-                    if block.look(b'P').is_some() {
-                        return Err(Fault::not_there_yet(m.at, "M99 P, the return to a sequence number,"));
-                    }
-                    flow = Flow::Return;
+                    let to = block.take(b'P').map(|p| Self::whole(p, 'P', 99_999)).transpose()?;
+                    flow = Flow::Return { to, at: m.at };
                 }
                 _ => {}
             }
@@ -784,6 +893,7 @@ impl Interpreter {
         let Some(t) = block.take(b'T') else { return Ok(()) };
         if self.profile.turning {
             let value = Self::whole(t, 'T', 9999)?;
+            self.trace.tool = Some(value);
             let (station, offset) = (value / 100, value % 100);
             if station != 0 && self.tool != Some(station) {
                 let words = self.tool_words(block, site);
@@ -792,6 +902,7 @@ impl Interpreter {
             return self.select_turning_offset(offset, t.at, site);
         }
         let number = Self::whole(t, 'T', 99_999_999)?;
+        self.trace.tool = Some(number);
         let words = self.tool_words(block, site);
         self.preselected = Some((number, words));
         Ok(())
@@ -1019,7 +1130,7 @@ impl Interpreter {
 
 /// A value rounded to the least input increment, half away from zero in the decimal sense: 1.2345 counts as a half although its binary
 /// value lies below.
-fn round_to(value: f64, increment: f64) -> f64 {
+pub(crate) fn round_to(value: f64, increment: f64) -> f64 {
     // Multiplying by the reciprocal, a whole number, keeps decimals decimal: 1235 / 1000 is the double nearest to 1.235.
     let steps_per_unit = libm::round(1.0 / increment);
     let steps = value.abs() * steps_per_unit;

@@ -10,25 +10,36 @@
 //! Read on: [`program`] for the stream, `interpreter` for the meaning of a block, [`macro_b`] for expressions, [`profile`] for what
 //! differs between controls.
 
+mod acting;
 mod arc;
 mod block;
+mod calls;
 mod compensation;
 mod cycles;
 pub mod detect;
+mod evaluate;
+mod expression;
 mod fault;
+mod flow;
 pub mod inspect;
 pub mod interpretation;
 mod interpreter;
+mod line;
+mod listing;
 pub mod macro_b;
 mod motion;
 mod offsets;
+pub mod parameters;
+mod printing;
 pub mod profile;
 pub mod program;
+mod statement;
 mod system_variables;
 mod text;
 
 pub use detect::{Detected, detect};
 pub use interpretation::{Interpretation, Setup, interpret};
 pub use macro_b::Value;
+pub use parameters::Parameters;
 pub use profile::{PROFILES, Profile};
 pub use program::{GcodeProgram, Options, WholeNumbers};

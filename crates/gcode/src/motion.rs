@@ -32,7 +32,12 @@ impl Interpreter {
             let adds = word.incremental.unwrap_or(self.incremental);
             to[word.axis] = if adds { self.tip[word.axis] + value } else { value };
             (named[word.axis], any) = (true, true);
+            if !adds {
+                self.carried[word.axis] = 0.0;
+            }
         }
+        self.moved |= any;
+        self.moved_since_stop |= any;
         Ok(any.then_some(to))
     }
 
@@ -62,6 +67,7 @@ impl Interpreter {
             });
         }
         self.prepare_move(at, site)?;
+        let traced = self.trace.path.len();
         if exact_stop {
             self.emit(StepKind::PathMode(PathMode::ExactStop));
         }
@@ -77,6 +83,9 @@ impl Interpreter {
         }
         if exact_stop {
             self.emit(StepKind::PathMode(self.path_mode));
+        }
+        if self.options.trace && self.trace.path.len() == traced {
+            self.trace_move(self.motion as u8); // the tip was there already
         }
         Ok(())
     }
@@ -127,10 +136,32 @@ impl Interpreter {
 
     pub(crate) fn follow_path(&mut self, path: Path<Setup>, speed: Speed, to: [f64; 3]) {
         self.tip = to;
+        if self.options.trace {
+            self.nominal += nominal_seconds(&path, speed);
+            self.trace_move(match (&path, speed) {
+                (Path::Arc(_), _) => self.motion as u8,
+                (_, Speed::Rapid) => 0,
+                _ => 1,
+            });
+        }
+        self.moved = true;
+        self.moved_since_stop = true;
         self.threading = matches!(speed, Speed::Feed(Feed::Thread(_)));
         if let Err(fault) = self.take_move(path, speed) {
             self.compensation.fault.get_or_insert(fault);
         }
+    }
+
+    /// Takes down where a move ends, as the program would write it.
+    fn trace_move(&mut self, code: u8) {
+        let mut end = vec![f64::from(code)];
+        end.extend(
+            self.profile
+                .variable_axes
+                .iter()
+                .map(|axis| self.in_program(*axis, self.programmed(*axis))),
+        );
+        self.trace.path.push(end);
     }
 
     fn arc(&mut self, to: [f64; 3], counterclockwise: bool, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
@@ -312,7 +343,13 @@ impl Interpreter {
         for (axis, target) in to.into_iter().enumerate() {
             if let Some(target) = target {
                 self.place_axis(axis, target.0);
+                self.carried[axis] = 0.0;
             }
+        }
+        self.moved = true;
+        self.moved_since_stop = false; // controls finish all moves before it
+        if self.options.trace {
+            self.trace_move(0);
         }
         self.threading = false;
         self.emit(StepKind::MachineMove(MachineMove { to }));
@@ -437,5 +474,16 @@ impl Interpreter {
         };
         self.skip_position = stopped.xyz;
         self.line(stopped.xyz, Speed::Feed(*feed));
+    }
+}
+
+/// About how long a move takes where no machine is asked: rapids at 10 m/min.
+fn nominal_seconds(path: &Path<Setup>, speed: Speed) -> f64 {
+    let length = path.length();
+    match speed {
+        Speed::Rapid => length / (10_000.0 / 60.0),
+        Speed::Feed(plan::Feed::PerTime(v)) if v.0 > 0.0 => length / v.0,
+        Speed::Feed(plan::Feed::WholeMove(time)) => time.0,
+        Speed::Feed(_) => length / (100.0 / 60.0),
     }
 }

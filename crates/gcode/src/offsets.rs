@@ -213,13 +213,19 @@ impl Interpreter {
     /// Writes one axis of a work offset in the reader's copy; the frame follows when it is in force.
     pub(crate) fn write_work_offset(&mut self, key: WorkKey, axis: usize, origin: f64) {
         let name = key.name();
+        let before = self.tables.work_offsets.get(&name).map_or(0.0, |t| t.origin[axis]);
         if !self.tables.work_offsets.contains_key(&name) {
             self.frame.set_by_program.insert(key, [false; 3]);
         }
         if let Some(axes) = self.frame.set_by_program.get_mut(&key) {
             axes[axis] = true;
         }
+        let register = plan::Register::WorkOffset {
+            name: name.clone(),
+            axis,
+        };
         self.tables.work_offsets.entry(name).or_insert(Transform::IDENTITY).origin[axis] = origin;
+        self.tell_register(register, before, origin);
     }
 
     /// After writes: the frame in force counted anew.
@@ -326,9 +332,12 @@ impl Interpreter {
             return;
         }
         self.interrupt_compensation();
-        let gauge = self.gauge();
+        let (gauge, before) = (self.gauge(), self.tip);
         self.offset = offset;
         self.place_tip(gauge);
+        for (axis, carried) in self.carried.iter_mut().enumerate() {
+            *carried += before[axis] - self.tip[axis];
+        }
         self.emit(StepKind::ToolOffset(offset));
     }
 
@@ -477,6 +486,7 @@ impl Interpreter {
         let value = self.length(b'R', r, site);
         let adds = self.incremental;
         let entry = self.tables.tools.entry(ToolNumber(number)).or_default();
+        let was = entry.clone();
         let place = match l {
             10 => &mut entry.geometry.0.xyz[2],
             1 | 11 => &mut entry.wear.0.xyz[2],
@@ -484,6 +494,7 @@ impl Interpreter {
             _ => &mut entry.radius_wear.0,
         };
         *place = if adds { *place + value } else { value };
+        self.tell_tool(number, &was);
         self.follow_tool_offset(number)
     }
 
@@ -539,6 +550,7 @@ impl Interpreter {
             ));
         }
         let entry = self.tables.tools.entry(ToolNumber(offset)).or_default();
+        let was = entry.clone();
         let xyz = if geometry {
             &mut entry.geometry.0.xyz
         } else {
@@ -555,6 +567,7 @@ impl Interpreter {
         if let Some(tip) = tip {
             entry.tip_direction = tip as u8;
         }
+        self.tell_tool(offset, &was);
         self.follow_tool_offset(offset)
     }
 

@@ -5,7 +5,7 @@
 
 use crate::cycles::roughing::ContourCycle;
 use crate::cycles::turning::SingleKind;
-use crate::macro_b::MacroRules;
+use crate::macro_b::{Digits, MacroRules};
 use plan::PathMode;
 
 /// How a family of controls reads a program.
@@ -63,6 +63,8 @@ pub struct Profile {
     pub arc_turns: bool,
     /// Tool offset registers as system variables.
     pub offset_variables: &'static [OffsetVariables],
+    /// The same with parameter 6000.3 V15=1, the layout of a series 15; empty where there is no such setting.
+    pub series_15_variables: &'static [OffsetVariables],
 }
 
 /// A word that names a place along an axis.
@@ -137,6 +139,56 @@ pub struct OffsetVariables {
     pub register: Register,
 }
 
+impl OffsetVariables {
+    const fn new(first: u32, count: u32, register: Register) -> Self {
+        OffsetVariables { first, count, register }
+    }
+}
+
+/// Memory C of a mill: H and D, wear and geometry. Memory A and B use a part of it.
+const MILL_OFFSETS: &[OffsetVariables] = &[
+    OffsetVariables::new(2001, 200, Register::Wear(2)),
+    OffsetVariables::new(2201, 200, Register::Geometry(2)),
+    OffsetVariables::new(10_001, 999, Register::Wear(2)),
+    OffsetVariables::new(11_001, 999, Register::Geometry(2)),
+    OffsetVariables::new(12_001, 999, Register::RadiusWear),
+    OffsetVariables::new(13_001, 999, Register::Radius),
+];
+
+/// The same in the layout of a series 15, which Haas always uses.
+const MILL_OFFSETS_15: &[OffsetVariables] = &[
+    OffsetVariables::new(2001, 200, Register::Geometry(2)),
+    OffsetVariables::new(2201, 200, Register::Wear(2)),
+    OffsetVariables::new(2401, 200, Register::Radius),
+    OffsetVariables::new(2601, 200, Register::RadiusWear),
+    OffsetVariables::new(10_001, 999, Register::Geometry(2)),
+    OffsetVariables::new(11_001, 999, Register::Wear(2)),
+    OffsetVariables::new(12_001, 999, Register::Radius),
+    OffsetVariables::new(13_001, 999, Register::RadiusWear),
+];
+
+/// Memory C of a lathe; memory A and B use the wear part.
+const LATHE_OFFSETS: &[OffsetVariables] = &[
+    OffsetVariables::new(2001, 64, Register::Wear(0)),
+    OffsetVariables::new(2101, 64, Register::Wear(2)),
+    OffsetVariables::new(2201, 64, Register::RadiusWear),
+    OffsetVariables::new(2301, 64, Register::TipDirection),
+    OffsetVariables::new(2401, 49, Register::Wear(1)),
+    OffsetVariables::new(2451, 49, Register::Geometry(1)),
+    OffsetVariables::new(2701, 49, Register::Geometry(0)),
+    OffsetVariables::new(2801, 49, Register::Geometry(2)),
+    OffsetVariables::new(2901, 49, Register::Radius),
+    OffsetVariables::new(10_001, 999, Register::Wear(0)),
+    OffsetVariables::new(11_001, 999, Register::Wear(2)),
+    OffsetVariables::new(12_001, 999, Register::RadiusWear),
+    OffsetVariables::new(13_001, 999, Register::TipDirection),
+    OffsetVariables::new(14_001, 999, Register::Wear(1)),
+    OffsetVariables::new(15_001, 999, Register::Geometry(0)),
+    OffsetVariables::new(16_001, 999, Register::Geometry(2)),
+    OffsetVariables::new(17_001, 999, Register::Radius),
+    OffsetVariables::new(19_001, 999, Register::Geometry(1)),
+];
+
 /// A number of a tool's table entry, as system variables show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Register {
@@ -144,10 +196,12 @@ pub enum Register {
     Geometry(usize),
     /// Wear of an axis.
     Wear(usize),
-    /// Half the cutting diameter.
+    /// Radius: D of a mill, the nose radius R of a lathe.
     Radius,
     /// Correction of the radius.
     RadiusWear,
+    /// Where the imaginary tip lies, 0 to 9.
+    TipDirection,
 }
 
 /// The plane of arcs, compensation and drilling.
@@ -382,7 +436,15 @@ pub enum M {
 }
 
 /// All families. A new one is one more line.
-pub const PROFILES: &[&Profile] = &[&FANUC_MILL, &FANUC_LATHE, &RS274];
+pub const PROFILES: &[&Profile] = &[
+    &FANUC_MILL,
+    &FANUC_LATHE,
+    &RS274,
+    &FANUC_30I_MILL,
+    &FANUC_30I_LATHE,
+    &FANUC_8_DIGITS,
+    &HAAS_MILL,
+];
 
 /// The family of that name.
 pub fn by_name(name: &str) -> Option<&'static Profile> {
@@ -396,6 +458,28 @@ const FANUC_MACROS: MacroRules = MacroRules {
     floored: false,
     fanuc_ranges: true,
     compares: true,
+    digits: Digits::Double,
+    bad_arc_alarm: 111,
+    deepest_macro: 4,
+    deepest_subprogram: 4,
+    longest_name: 8,
+    printed_field_grows: false,
+};
+
+/// 30i, 31i, 32i and 0i-F.
+const FANUC_30I_MACROS: MacroRules = MacroRules {
+    bad_arc_alarm: 119,
+    deepest_macro: 5,
+    deepest_subprogram: 10,
+    longest_name: 31,
+    ..FANUC_MACROS
+};
+
+const HAAS_MACROS: MacroRules = MacroRules {
+    printed_field_grows: true,
+    deepest_macro: 9,
+    deepest_subprogram: 9,
+    ..FANUC_MACROS
 };
 
 /// Fanuc 16i/18i/21i, 0i and their relatives on a milling machine.
@@ -517,38 +601,8 @@ pub const FANUC_MILL: Profile = Profile {
     raises_before_hole: false,
     tolerance_word: false,
     arc_turns: false,
-    offset_variables: &[
-        OffsetVariables {
-            first: 2001,
-            count: 200,
-            register: Register::Wear(2),
-        },
-        OffsetVariables {
-            first: 2201,
-            count: 200,
-            register: Register::Geometry(2),
-        },
-        OffsetVariables {
-            first: 10_001,
-            count: 999,
-            register: Register::Wear(2),
-        },
-        OffsetVariables {
-            first: 11_001,
-            count: 999,
-            register: Register::Geometry(2),
-        },
-        OffsetVariables {
-            first: 12_001,
-            count: 999,
-            register: Register::RadiusWear,
-        },
-        OffsetVariables {
-            first: 13_001,
-            count: 999,
-            register: Register::Radius,
-        },
-    ],
+    offset_variables: MILL_OFFSETS,
+    series_15_variables: MILL_OFFSETS_15,
 };
 
 /// Fanuc on a lathe, G-code system A.
@@ -662,48 +716,44 @@ pub const FANUC_LATHE: Profile = Profile {
     raises_before_hole: false,
     tolerance_word: false,
     arc_turns: false,
-    offset_variables: &[
-        OffsetVariables {
-            first: 2001,
-            count: 64,
-            register: Register::Wear(0),
-        },
-        OffsetVariables {
-            first: 2101,
-            count: 64,
-            register: Register::Wear(2),
-        },
-        OffsetVariables {
-            first: 2701,
-            count: 49,
-            register: Register::Geometry(0),
-        },
-        OffsetVariables {
-            first: 2801,
-            count: 49,
-            register: Register::Geometry(2),
-        },
-        OffsetVariables {
-            first: 10_001,
-            count: 999,
-            register: Register::Wear(0),
-        },
-        OffsetVariables {
-            first: 11_001,
-            count: 999,
-            register: Register::Wear(2),
-        },
-        OffsetVariables {
-            first: 15_001,
-            count: 999,
-            register: Register::Geometry(0),
-        },
-        OffsetVariables {
-            first: 16_001,
-            count: 999,
-            register: Register::Geometry(2),
-        },
-    ],
+    offset_variables: LATHE_OFFSETS,
+    series_15_variables: &[],
+};
+
+/// Fanuc 30i family on a milling machine.
+pub const FANUC_30I_MILL: Profile = Profile {
+    name: "fanuc-30i-mill",
+    about: "Fanuc 30i/31i/32i/0i-F on a milling machine, Custom Macro B",
+    macros: FANUC_30I_MACROS,
+    ..FANUC_MILL
+};
+
+/// Fanuc 30i family on a lathe.
+pub const FANUC_30I_LATHE: Profile = Profile {
+    name: "fanuc-30i-lathe",
+    about: "Fanuc 30i/31i/32i/0i-F on a lathe, G-code system A, Custom Macro B",
+    macros: FANUC_30I_MACROS,
+    ..FANUC_LATHE
+};
+
+/// Fanuc 16i and older with their own arithmetic.
+pub const FANUC_8_DIGITS: Profile = Profile {
+    name: "fanuc-mill-8-digits",
+    about: "Fanuc 16i and older on a milling machine, with the rounding of their arithmetic of 8 digits",
+    macros: MacroRules {
+        digits: Digits::Eight,
+        ..FANUC_MACROS
+    },
+    ..FANUC_MILL
+};
+
+/// Haas on a milling machine.
+pub const HAAS_MILL: Profile = Profile {
+    name: "haas-mill",
+    about: "Haas on a milling machine: offset variables as on a series 15, printed fields that grow",
+    macros: HAAS_MACROS,
+    offset_variables: MILL_OFFSETS_15,
+    ..FANUC_MILL
 };
 
 /// RS274/NGC as LinuxCNC reads it, without o-words and named parameters.
@@ -805,6 +855,12 @@ pub const RS274: Profile = Profile {
         floored: true,
         fanuc_ranges: false,
         compares: false,
+        digits: Digits::Double,
+        bad_arc_alarm: 0,
+        deepest_macro: 4,
+        deepest_subprogram: 10,
+        longest_name: 31,
+        printed_field_grows: false,
     },
     increment: [0.001, 0.0001],
     rounds_words: false,
@@ -826,6 +882,7 @@ pub const RS274: Profile = Profile {
     tolerance_word: true,
     arc_turns: true,
     offset_variables: &[],
+    series_15_variables: &[],
 };
 
 #[cfg(test)]

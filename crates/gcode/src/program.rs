@@ -2,17 +2,26 @@
 
 mod contour;
 
-use crate::block::{Block, Kind, check_behind_assignment};
-use crate::fault::{Fault, Site};
+use crate::acting::{Act, act};
+use crate::block::Block;
+use crate::evaluate::Stack;
+use crate::expression::DEEPEST_STACK;
+use crate::fault::Site;
+use crate::flow::{Frame, Loop, Repetition};
 use crate::interpreter::{Flow, Interpreter, Item};
-use crate::macro_b::{Reader, Value};
+use crate::line::{Kind, Line, Reading};
+use crate::listing::{File, Kept, KeptLines, Place, Targets};
+use crate::macro_b::Value;
+use crate::parameters::Parameters;
 use crate::profile::Profile;
-use crate::text::{LONGEST_LINE, Line, LineError, Lines, characters};
+use crate::text::{LONGEST_LINE, Line as Raw, LineError, Lines, characters};
 use plan::{
-    Alarm, Answer, ByteSource, Diagnostic, FileId, Next, Origin, Place, ProgramStream, Question, Resolver, Severity, Step,
-    StepKind, StopKind, Tables,
+    Alarm, Answer, ByteSource, Diagnostic, FileId, Next, Origin, ProgramStream, Question, RegisterChange, Resolver, Severity,
+    Step, StepKind, StopKind, Tables,
 };
-use std::collections::BTreeMap;
+use std::cell::Cell;
+use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
 use units::{Machine, Millimetres, Point, Rpm, StepId};
 
 /// What the machine's settings and switches say about reading a program.
@@ -35,6 +44,12 @@ pub struct Options {
     pub second_reference: Option<Point<Machine>>,
     /// Fanuc parameter 6004.0 turned round: `Some(true)` is NAT=0, angles from 0 to 360. `None` is the family's default.
     pub angles_from_zero: Option<bool>,
+    /// Control parameters.
+    pub parameters: Parameters,
+    /// Blocks in a row without motion, dwell or stop after which a program counts as endless.
+    pub most_blocks_at_rest: u64,
+    /// Jumps back in all after which a program counts as endless.
+    pub most_jumps_back: u64,
     /// Inches before the first G20 or G21.
     pub inches: bool,
     /// Takes down every move, printed line and stop for [`GcodeProgram::into_trace`].
@@ -52,6 +67,9 @@ impl Default for Options {
             geometry_by_station: false,
             second_reference: None,
             angles_from_zero: None,
+            parameters: Parameters::default(),
+            most_blocks_at_rest: 100_000_000,
+            most_jumps_back: 100_000_000,
             inches: false,
             trace: false,
         }
@@ -68,10 +86,6 @@ pub enum WholeNumbers {
     Increments,
 }
 
-/// Subprograms inside subprograms (Fanuc 16i: alarm 077 beyond).
-const DEEPEST_CALL: usize = 4;
-/// Files a program may be made of.
-const MOST_FILES: usize = 256;
 /// Lines looked through for the program's number before the first block.
 const HEADER_LINES: u32 = 100;
 
@@ -97,40 +111,56 @@ pub struct Trace {
 /// Each step's origin is the line that made it. The workingsteps it tells are derived: one for each tool change, named after the tool
 /// and the comment before it; G-code itself has no such structure.
 pub struct GcodeProgram {
-    files: Vec<File>,
+    pub(crate) files: Vec<File>,
     /// The file being read.
-    current: usize,
-    calls: Vec<Call>,
-    resolver: Box<dyn Resolver>,
+    pub(crate) current: usize,
+    /// Where the program being read begins; jumps stay in it.
+    pub(crate) body: Place,
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) loops: Vec<Loop>,
+    pub(crate) kept: KeptLines,
+    pub(crate) targets: Targets,
+    /// The kept line executed next; else the next one of the text.
+    pub(crate) next_kept: Option<u32>,
+    /// Lines up to this byte are kept: they are gone through again.
+    pub(crate) keep_until: u64,
+    /// The line being executed.
+    pub(crate) here: Here,
+    /// It waits for an answer and is executed again.
+    pub(crate) again: Option<Raw>,
+    pub(crate) repetition: Repetition,
+    /// Programs that were called before.
+    pub(crate) called: BTreeSet<(usize, u64)>,
+    pub(crate) resolver: Box<dyn Resolver>,
     block: Block,
-    interpreter: Interpreter,
+    line: Line,
+    stack: Box<Stack>,
+    pub(crate) reading: Reading,
+    pub(crate) interpreter: Interpreter,
     asked: Option<(Origin, Question)>,
-    alarm: Option<Alarm>,
-    ended: bool,
+    pub(crate) alarm: Option<Alarm>,
+    pub(crate) ended: bool,
     /// No block of the program being read was executed yet.
-    at_start: bool,
+    pub(crate) at_start: bool,
     any_block: bool,
     last_step: u32,
+    /// Blocks since something moved.
+    blocks_at_rest: u64,
     tables: Tables,
     program_name: String,
     /// Where the program starts in file 0: behind the leader.
-    start: (u64, u32),
+    pub(crate) start: Place,
 }
 
-struct File {
-    name: String,
-    lines: Lines,
-    /// Where each program of this file begins; made when the first one is looked for.
-    programs: Option<BTreeMap<u32, (u64, u32)>>,
-}
-
-struct Call {
-    return_file: usize,
-    return_to: (u64, u32),
-    body: (u64, u32),
-    times_left: u32,
-    /// Number of the program that called.
-    caller: u32,
+/// The line being executed.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Here {
+    pub place: Place,
+    pub after: Place,
+    pub number: u32,
+    pub length: u32,
+    /// The kept line it is.
+    pub kept: Option<u32>,
 }
 
 impl GcodeProgram {
@@ -156,9 +186,14 @@ impl GcodeProgram {
             ));
         }
         let mut interpreter = Interpreter::new(profile, &options, &tables, name);
-        let start = leader(&mut lines).map_err(|e| Box::new(line_error(e).in_file(name)))?;
-        let program_name = header(&mut lines, start, name, &interpreter)?;
-        lines.seek(start.0, start.1);
+        let reading = Reading {
+            macros: interpreter.macros,
+            block_skip: options.block_skip,
+        };
+        let (offset, before) = leader(&mut lines).map_err(|e| Box::new(line_error(e).in_file(name)))?;
+        let start = Place { offset, lines: before };
+        let program_name = header(&mut lines, start, name, &reading)?;
+        lines.seek(start.offset, start.lines);
         interpreter.begin(program_name.clone());
         Ok(GcodeProgram {
             files: vec![File {
@@ -167,9 +202,22 @@ impl GcodeProgram {
                 programs: None,
             }],
             current: 0,
-            calls: Vec::new(),
+            body: start,
+            frames: Vec::new(),
+            loops: Vec::new(),
+            kept: KeptLines::default(),
+            targets: Targets::default(),
+            next_kept: None,
+            keep_until: 0,
+            here: Here::default(),
+            again: None,
+            repetition: Repetition::default(),
+            called: BTreeSet::new(),
             resolver,
             block: Block::new(),
+            line: Line::default(),
+            stack: Box::new([0.0; DEEPEST_STACK]),
+            reading,
             interpreter,
             asked: None,
             alarm: None,
@@ -177,6 +225,7 @@ impl GcodeProgram {
             at_start: true,
             any_block: false,
             last_step: 0,
+            blocks_at_rest: 0,
             tables,
             program_name,
             start,
@@ -190,8 +239,10 @@ impl GcodeProgram {
 
     /// What a macro variable holds now.
     pub fn variable(&self, number: u32) -> Value {
-        use crate::macro_b::Variables;
-        self.interpreter.read(number).unwrap_or(Value::Vacant)
+        match self.interpreter.memory.has(number) {
+            true => self.interpreter.memory.read(number),
+            false => self.interpreter.system_variable(number).map_or(Value::Vacant, Value::of),
+        }
     }
 
     /// O number of the program being executed and the sequence number executed last; 0 where there is none.
@@ -200,14 +251,20 @@ impl GcodeProgram {
     }
 
     /// What was taken down on the way, with the variables as they stand; empty without [`Options::trace`].
-    pub fn into_trace(self) -> Trace {
-        let mut trace = self.interpreter.trace;
+    pub fn into_trace(mut self) -> Trace {
+        // Locals are those of the main program, also when an alarm came in a macro.
+        if let Some(main) = self.frames.iter_mut().find_map(|f| f.saved.take()) {
+            self.interpreter.memory.enter(&main);
+        }
+        let mut trace = std::mem::take(&mut self.interpreter.trace);
+        trace.variables.extend(self.interpreter.written_variables());
         for number in (1..34).chain(100..200).chain(500..1000) {
             let value = self.interpreter.memory.read(number);
             if value != Value::Vacant {
                 trace.variables.insert(number, value);
             }
         }
+        trace.names = std::mem::take(&mut self.interpreter.names);
         trace
     }
 
@@ -240,30 +297,54 @@ impl GcodeProgram {
     /// Takes the answer to the question that was asked; `None` asks again.
     fn answered(&mut self, answer: Option<Answer>) -> Option<Next> {
         let (origin, question) = self.asked.take()?;
-        match answer {
-            None => {
-                self.asked = Some((origin, question.clone()));
-                Some(Next::Ask(question))
-            }
-            Some(answer) if matches!(question, Question::Skip { .. }) => {
+        let Some(answer) = answer else {
+            self.asked = Some((origin, question.clone()));
+            return Some(Next::Ask(question));
+        };
+        match (&question, answer) {
+            (Question::OptionalStop, Answer::Truth(true)) => Some(self.number_step(origin, StepKind::Stop(StopKind::Optional))),
+            (Question::OptionalStop, Answer::Truth(false)) => None,
+            (Question::Skip { .. }, answer) => {
                 self.interpreter.origin = origin;
                 self.interpreter.skip_answered(&question, answer);
                 None
             }
-            Some(Answer::Truth(true)) => Some(self.number_step(origin, StepKind::Stop(StopKind::Optional))),
-            Some(Answer::Truth(false)) => None,
-            Some(Answer::Number(_) | Answer::Place(_) | Answer::Unknown) => {
-                let line = match origin.place {
-                    Place::Text { line, .. } => line,
-                    _ => 0,
+            (Question::Number(name), Answer::Number(Some(value))) => {
+                self.interpreter.answer(name, value);
+                None
+            }
+            (Question::Number(name), Answer::Unknown) => {
+                let (value, assumed) = self.interpreter.own_count(name);
+                self.interpreter.answer(name, value);
+                let (severity, code) = match assumed {
+                    true => (Severity::Warning, "answer-assumed"),
+                    false => (Severity::Remark, "own-count"),
                 };
-                let diagnostic = Diagnostic::error(
-                    "no-answer",
-                    "the machine does not know whether its optional-stop switch is on",
-                )
-                .in_file(self.file_name(origin.file))
-                .at_line(line, 1)
-                .remedy("set the switch, or take M1 out");
+                let site = Site {
+                    text: b"",
+                    number: self.here.number,
+                };
+                self.interpreter.note(severity, code, site, 0, || match assumed {
+                    true => (
+                        format!("nobody answers for {name}: 0 is assumed"),
+                        "look at what the program does for other values".to_owned(),
+                    ),
+                    false => (
+                        format!("{name} is the program's own count: no machine was asked"),
+                        String::new(),
+                    ),
+                });
+                None
+            }
+            _ => {
+                let message = match &question {
+                    Question::OptionalStop => "the machine does not know whether its optional-stop switch is on".to_owned(),
+                    other => format!("the machine has no answer to {other:?}"),
+                };
+                let diagnostic = Diagnostic::error("no-answer", message)
+                    .in_file(self.file_name(origin.file))
+                    .at_line(self.here.number, 1)
+                    .remedy("set the switch or the sensor, or take the question out of the program");
                 self.alarm = Some(diagnostic.into());
                 None
             }
@@ -277,7 +358,7 @@ impl GcodeProgram {
         };
         let origin = self.interpreter.origin;
         let number = match origin.place {
-            Place::Text { line, .. } => line,
+            plan::Place::Text { line, .. } => line,
             _ => 0,
         };
         let name = self.file_name(origin.file).to_owned();
@@ -286,99 +367,171 @@ impl GcodeProgram {
 
     /// Reads and executes one line.
     fn advance(&mut self) {
-        let line = match self.files[self.current].lines.next() {
-            Ok(Some(line)) => line,
-            Ok(None) => return self.end_of_text(None),
-            Err(error) => {
-                self.alarm = Some(line_error(error).in_file(self.files[self.current].name.clone()).into());
+        if let Some(index) = self.next_kept {
+            let kept = Rc::clone(self.kept.get(index));
+            self.here = Here {
+                place: kept.place,
+                after: kept.after,
+                number: kept.place.lines + 1,
+                length: kept.text.len() as u32,
+                kept: Some(index),
+            };
+            self.interpreter.origin = origin(self.current, &self.here);
+            let site = Site {
+                text: &kept.text,
+                number: self.here.number,
+            };
+            if self.meets_the_end(&kept.line) {
                 return;
             }
+            let result = act(&mut self.interpreter, &mut self.block, &kept.line, site, &mut self.stack);
+            self.count_block();
+            return self.follow(result, site);
+        }
+        let waited = self.again.take();
+        let raw = match waited {
+            Some(raw) => raw,
+            None => {
+                let (offset, lines) = self.files[self.current].lines.position();
+                let raw = match self.files[self.current].lines.next() {
+                    Ok(Some(raw)) => raw,
+                    Ok(None) => return self.end_of_text(None),
+                    Err(error) => {
+                        self.alarm = Some(line_error(error).in_file(self.files[self.current].name.clone()).into());
+                        return;
+                    }
+                };
+                let after = self.files[self.current].lines.position();
+                self.here = Here {
+                    place: Place { offset, lines },
+                    after: Place {
+                        offset: after.0,
+                        lines: after.1,
+                    },
+                    number: raw.number,
+                    length: raw.length(),
+                    kept: None,
+                };
+                raw
+            }
         };
+        self.count_block();
+        self.interpreter.origin = origin(self.current, &self.here);
         let file = &self.files[self.current];
         let site = Site {
-            text: file.lines.bytes(line),
-            number: line.number,
+            text: file.lines.bytes(raw),
+            number: raw.number,
         };
-        self.interpreter.origin = origin(self.current, line);
-        let kind = self.block.read(site.text, self.interpreter.reading(), &self.interpreter);
-        let result = match kind {
-            Err(fault) => Err(fault),
-            Ok(Kind::Blank) => {
+        if waited.is_none()
+            && let Err(fault) = self.line.read(site.text, &self.reading)
+        {
+            self.alarm = Some(fault.into_alarm(&file.name, site));
+            return;
+        }
+        match self.line.kind {
+            Kind::Blank => {
+                self.block.comment = self.line.comment;
                 self.interpreter.comment_line(&self.block, site);
                 return;
             }
-            Ok(Kind::TapeMark) if self.at_start => return,
-            Ok(Kind::TapeMark) => return self.end_of_text(Some(line)),
-            Ok(Kind::Assignment { at }) => {
-                self.at_start = false;
-                self.any_block = true;
-                self.interpreter.close_comments();
-                assign(&mut self.interpreter, site, at).map(|()| Flow::NextBlock)
+            Kind::TapeMark if self.at_start => return,
+            Kind::TapeMark => return self.end_of_text(Some(self.here.number)),
+            Kind::Words | Kind::Statement => {}
+        }
+        if let Some((number, _)) = self.line.program {
+            if !self.at_start {
+                return self.end_of_text(Some(self.here.number)); // the next program of the file
             }
-            Ok(Kind::Words) => {
-                if let Some((number, _)) = self.block.program {
-                    if !self.at_start {
-                        return self.end_of_text(Some(line)); // the next program of the file
-                    }
-                    self.interpreter.program_number = number;
-                }
-                self.at_start = false;
-                self.any_block = true;
-                self.interpreter.close_comments();
-                self.interpreter.show_message(&self.block, site);
-                self.interpreter.execute(&mut self.block, site)
+            self.interpreter.program_number = number;
+        }
+        self.at_start = false;
+        self.any_block = true;
+        self.interpreter.close_comments();
+        let result = act(&mut self.interpreter, &mut self.block, &self.line, site, &mut self.stack);
+        let waits = matches!(&result, Err(fault) if fault.ask.is_some());
+        if self.here.place.offset < self.keep_until && !waits {
+            let (place, after) = (self.here.place, self.here.after);
+            let (line, text) = (&self.line, site.text);
+            let keep = || Kept {
+                text: text.into(),
+                line: line.clone(),
+                place,
+                after,
+                next: Cell::new(None),
+                jump: Cell::new(None),
+            };
+            if !self.kept.keep(self.current, keep, place.offset) {
+                self.keep_until = 0;
             }
-        };
+        }
         match result {
-            Ok(Flow::NextBlock) => {}
-            Ok(Flow::End) => self.ended = true,
-            Ok(Flow::Contour(request)) => self.read_contour(request, line.number),
-            Ok(Flow::Call { program, times, at }) => {
-                // Looking for the subprogram moves the window, so the place is taken down first.
-                let (name, column) = (file.name.clone(), site.column(at));
-                if let Err(fault) = self.call(program, times) {
-                    let mut alarm = fault.into_alarm(
-                        &name,
-                        Site {
-                            text: b"",
-                            number: line.number,
-                        },
-                    );
-                    alarm.diagnostic.column = column;
-                    self.alarm = Some(alarm);
+            Ok(Act::Flow(Flow::NextBlock)) => self.interpreter.forget_answers(),
+            Err(fault) => match fault.ask {
+                Some(question) => {
+                    self.again = Some(raw);
+                    self.wait_for(question);
                 }
-            }
-            Ok(Flow::Return) => match self.calls.pop() {
-                Some(mut call) => {
-                    self.at_start = true;
-                    call.times_left -= 1;
-                    if call.times_left > 0 {
-                        self.files[self.current].lines.seek(call.body.0, call.body.1);
-                        self.calls.push(call);
-                    } else {
-                        self.at_start = false;
-                        self.interpreter.program_number = call.caller;
-                        self.current = call.return_file;
-                        self.files[self.current].lines.seek(call.return_to.0, call.return_to.1);
-                    }
-                }
-                None => {
-                    let fault = Fault::not_there_yet(0, "M99 in the main program, which runs for ever,");
-                    self.alarm = Some(fault.into_alarm(&file.name, site));
-                }
+                None => self.alarm = Some(fault.into_alarm(&file.name, site)),
             },
-            Err(fault) => self.alarm = Some(fault.into_alarm(&file.name, site)),
+            // What follows moves the window: the text is no longer needed but for the column of a fault.
+            Ok(act) => {
+                let text = site.text.to_vec();
+                let site = Site {
+                    text: &text,
+                    number: self.here.number,
+                };
+                self.follow(Ok(act), site);
+            }
         }
     }
 
+    /// True when a kept line is the O line of the next program.
+    fn meets_the_end(&mut self, line: &Line) -> bool {
+        if let Some((number, _)) = line.program {
+            if !self.at_start {
+                self.end_of_text(Some(self.here.number));
+                return true;
+            }
+            self.interpreter.program_number = number;
+        }
+        self.at_start = false;
+        false
+    }
+
+    /// The line waits for an answer: everything said before is done first.
+    pub(crate) fn wait_for(&mut self, question: Question) {
+        self.interpreter.settle();
+        self.raise_late_fault();
+        self.interpreter.push(Item::Ask(self.interpreter.origin, question));
+    }
+
+    /// An endless program ends here: blocks that move nothing are counted.
+    fn count_block(&mut self) {
+        self.blocks_at_rest += 1;
+        self.interpreter.nominal += NOMINAL_BLOCK;
+        if self.blocks_at_rest > self.interpreter.options.most_blocks_at_rest {
+            let most = self.interpreter.options.most_blocks_at_rest;
+            let message = format!("{most} blocks in a row moved nothing: the program does not come to an end");
+            self.endless(message);
+        }
+    }
+
+    pub(crate) fn endless(&mut self, message: String) {
+        let diagnostic = Diagnostic::error("endless-program", message)
+            .in_file(self.files[self.current].name.clone())
+            .at_line(self.here.number, 1)
+            .remedy("look at what shall end the loop");
+        self.alarm.get_or_insert(diagnostic.into());
+    }
+
     /// The text is over: end of file, `%`, or the next program.
-    fn end_of_text(&mut self, line: Option<Line>) {
+    pub(crate) fn end_of_text(&mut self, line: Option<u32>) {
         let number = match line {
-            Some(line) => line.number,
+            Some(number) => number,
             None => self.files[self.current].lines.position().1,
         };
         let name = self.files[self.current].name.clone();
-        if !self.calls.is_empty() {
+        if !self.frames.is_empty() {
             let diagnostic = Diagnostic::error("no-return", "the subprogram ends without M99")
                 .in_file(name)
                 .at_line(number, 1)
@@ -402,83 +555,18 @@ impl GcodeProgram {
         self.ended = true;
     }
 
-    /// Goes to a subprogram: of this file, of the main file, or one that the resolver finds.
-    fn call(&mut self, program: u32, times: u32) -> Result<(), Box<Fault>> {
-        if times == 0 {
-            return Ok(());
-        }
-        if self.calls.len() >= DEEPEST_CALL {
-            let message = format!("subprograms are nested more than {DEEPEST_CALL} deep");
-            return Err(Fault::new(0, 77, "call-depth", message, "call it from a shallower level"));
-        }
-        let return_to = self.files[self.current].lines.position();
-        let return_file = self.current;
-        let mut found = None;
-        for file in [self.current, 0] {
-            if let Some(body) = self.program_in(file, program) {
-                found = Some((file, body));
-                break;
-            }
-        }
-        self.files[self.current].lines.seek(return_to.0, return_to.1);
-        let (file, body) = match found {
-            Some(found) => found,
-            None => self.open_program(program)?,
+    /// The next kept variable that the program wrote and the machine was not told of.
+    fn untold_register(&mut self) -> Option<StepKind> {
+        let (number, before) = self.interpreter.memory.kept_before.pop()?;
+        let held = |value| match value {
+            Value::Vacant => None,
+            Value::Number(n) => Some(n),
         };
-        self.calls.push(Call {
-            return_file,
-            return_to,
-            body,
-            times_left: times,
-            caller: self.interpreter.program_number,
-        });
-        self.current = file;
-        self.files[file].lines.seek(body.0, body.1);
-        self.at_start = true;
-        Ok(())
-    }
-
-    /// Where program `number` begins in a file. Looks through the file once.
-    fn program_in(&mut self, file: usize, number: u32) -> Option<(u64, u32)> {
-        let file = &mut self.files[file];
-        if file.programs.is_none() {
-            let mut programs = BTreeMap::new();
-            file.lines.seek(0, 0);
-            loop {
-                let before = file.lines.position();
-                let Ok(Some(line)) = file.lines.next() else { break };
-                if let Some(found) = program_number(file.lines.bytes(line)) {
-                    programs.entry(found).or_insert(before);
-                }
-            }
-            file.programs = Some(programs);
-        }
-        file.programs.as_ref()?.get(&number).copied()
-    }
-
-    fn open_program(&mut self, number: u32) -> Result<(usize, (u64, u32)), Box<Fault>> {
-        let name = format!("O{number:04}");
-        if let Some(known) = self.files.iter().position(|f| f.name == name) {
-            return Ok((known, (0, 0)));
-        }
-        let source = match self.resolver.open(&name) {
-            Some(source) if self.files.len() < MOST_FILES => source,
-            _ => {
-                return Err(Fault::new(
-                    0,
-                    78,
-                    "no-such-program",
-                    format!("there is no program {name}"),
-                    "put it into this file, or beside it",
-                ));
-            }
-        };
-        self.files.push(File {
-            name,
-            lines: Lines::new(source),
-            programs: None,
-        });
-        Ok((self.files.len() - 1, (0, 0)))
+        Some(StepKind::Register(RegisterChange {
+            register: plan::Register::Variable(number),
+            before: held(Value::of(before)),
+            after: held(self.interpreter.memory.read(number)),
+        }))
     }
 }
 
@@ -488,8 +576,20 @@ impl ProgramStream for GcodeProgram {
             return next;
         }
         loop {
+            let goes_out = !self.interpreter.out.is_empty() || self.alarm.is_some() || self.ended;
+            if goes_out && let Some(kind) = self.untold_register() {
+                return self.number_step(self.interpreter.origin, kind);
+            }
             match self.interpreter.out.pop_front() {
-                Some(Item::Step(origin, kind)) => return self.number_step(origin, kind),
+                Some(Item::Step(origin, kind)) => {
+                    if matches!(
+                        kind,
+                        StepKind::Move(_) | StepKind::MachineMove(_) | StepKind::Dwell(_) | StepKind::Stop(_)
+                    ) {
+                        self.blocks_at_rest = 0;
+                    }
+                    return self.number_step(origin, kind);
+                }
                 Some(Item::Ask(origin, question)) => {
                     self.asked = Some((origin, question.clone()));
                     return Next::Ask(question);
@@ -514,11 +614,14 @@ impl ProgramStream for GcodeProgram {
         let (profile, options) = (self.interpreter.profile, self.interpreter.options.clone());
         self.interpreter = Interpreter::new(profile, &options, &self.tables, &self.files[0].name);
         self.interpreter.begin(self.program_name.clone());
-        self.calls.clear();
-        (self.current, self.last_step) = (0, 0);
-        (self.asked, self.alarm) = (None, None);
+        self.frames.clear();
+        self.loops.clear();
+        self.repetition = Repetition::default();
+        (self.current, self.last_step, self.blocks_at_rest, self.keep_until) = (0, 0, 0, 0);
+        (self.asked, self.alarm, self.again, self.next_kept) = (None, None, None, None);
         (self.ended, self.at_start, self.any_block) = (false, true, false);
-        self.files[0].lines.seek(self.start.0, self.start.1);
+        self.body = self.start;
+        self.files[0].lines.seek(self.start.offset, self.start.lines);
     }
 
     fn diagnostics(&self) -> &[Diagnostic] {
@@ -530,20 +633,16 @@ impl ProgramStream for GcodeProgram {
     }
 }
 
-/// Carries out the assignment whose `#` is at byte `at`.
-fn assign(interpreter: &mut Interpreter, site: Site<'_>, at: usize) -> Result<(), Box<Fault>> {
-    let assignment = Reader::new(site.text, at, interpreter.macros, interpreter).assignment()?;
-    check_behind_assignment(site.text, assignment.end)?;
-    interpreter.assign(assignment.variable, assignment.value, at, assignment.end, site)
-}
+/// Time that a block is taken to need where no machine is asked, s.
+const NOMINAL_BLOCK: f64 = 0.001;
 
-fn origin(file: usize, line: Line) -> Origin {
+fn origin(file: usize, here: &Here) -> Origin {
     Origin {
         file: FileId(file as u16),
-        place: Place::Text {
-            line: line.number,
-            start: line.offset,
-            length: line.length(),
+        place: plan::Place::Text {
+            line: here.number,
+            start: here.place.offset,
+            length: here.length,
         },
     }
 }
@@ -593,24 +692,27 @@ fn leader(lines: &mut Lines) -> Result<(u64, u32), LineError> {
 }
 
 /// The program's name: its number with the comment beside it, else the file's.
-fn header(lines: &mut Lines, start: (u64, u32), file: &str, interpreter: &Interpreter) -> Result<String, Box<Diagnostic>> {
-    lines.seek(start.0, start.1);
-    let mut block = Block::new();
+fn header(lines: &mut Lines, start: Place, file: &str, reading: &Reading) -> Result<String, Box<Diagnostic>> {
+    lines.seek(start.offset, start.lines);
+    let mut first = Line::default();
     let mut empty = true;
     let in_file = |error| Box::new(line_error(error).in_file(file));
     while let Some(line) = lines.next().map_err(in_file)? {
         let text = lines.bytes(line);
         empty &= text.trim_ascii().is_empty();
-        match block.read(text, interpreter.reading(), interpreter) {
-            Ok(Kind::Blank | Kind::TapeMark) if line.number < HEADER_LINES => {}
-            Ok(Kind::Words) => {
-                return Ok(match (block.program, block.comment) {
+        // What is wrong with a line is told when it is executed.
+        if first.read(text, reading).is_err() {
+            return Ok(file.to_owned());
+        }
+        match first.kind {
+            Kind::Blank | Kind::TapeMark if line.number < HEADER_LINES => {}
+            Kind::Words => {
+                return Ok(match (first.program, first.comment) {
                     (Some((number, _)), None) => format!("O{number:04}"),
                     (Some((number, _)), Some((from, to))) => format!("O{number:04} {}", characters(&text[from..to]).trim()),
                     (None, _) => file.to_owned(),
                 });
             }
-            // What is wrong with a line is told when it is executed.
             _ => return Ok(file.to_owned()),
         }
     }
@@ -623,17 +725,4 @@ fn header(lines: &mut Lines, start: (u64, u32), file: &str, interpreter: &Interp
         ));
     }
     Ok(file.to_owned())
-}
-
-/// The number of the program that this line begins: `O1234`, `:1234`.
-fn program_number(text: &[u8]) -> Option<u32> {
-    let rest = match text.trim_ascii_start() {
-        [b'O' | b'o' | b':', rest @ ..] => rest,
-        _ => return None,
-    };
-    let digits = rest.iter().take_while(|b| b.is_ascii_digit()).count();
-    match digits {
-        1..=8 => Some(rest[..digits].iter().fold(0, |n, d| n * 10 + u32::from(d - b'0'))),
-        _ => None,
-    }
 }

@@ -64,7 +64,7 @@ impl Modal {
                     self.open.truncate(at);
                 }
             }
-            StepKind::Dwell(_) | StepKind::Message(_) | StepKind::Stop(_) | StepKind::NcFunction(_) => {}
+            StepKind::Dwell(_) | StepKind::Message(_) | StepKind::Stop(_) | StepKind::Register(_) | StepKind::NcFunction(_) => {}
         }
     }
 

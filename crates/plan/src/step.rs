@@ -88,8 +88,80 @@ pub enum StepKind {
     Message(String),
     /// The machine stops and waits for cycle start.
     Stop(StopKind),
+    /// The program writes a register of the machine: later moves use it, and it is a record.
+    Register(RegisterChange),
     /// A function whose meaning is not the motion's: traceability, or something unknown that is kept and shown.
     NcFunction(RawNcFunction),
+}
+
+/// A register of the machine's tables written by the program. Lengths are mm, X of a lathe as a radius.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegisterChange {
+    /// Which.
+    pub register: Register,
+    /// What it held, as far as the program knows; `None` is vacant.
+    pub before: Option<f64>,
+    /// What it holds from here.
+    pub after: Option<f64>,
+}
+
+/// A register of the machine's tables.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Register {
+    /// Origin of a work offset (`G54`, `G54.1 P1`, `EXT`) along an axis, 0 to 2.
+    WorkOffset {
+        /// The offset's name.
+        name: String,
+        /// 0 to 2.
+        axis: usize,
+    },
+    /// Geometry of a tool offset along an axis.
+    ToolGeometry {
+        /// The offset's number.
+        tool: u32,
+        /// 0 to 2.
+        axis: usize,
+    },
+    /// Wear of a tool offset along an axis.
+    ToolWear {
+        /// The offset's number.
+        tool: u32,
+        /// 0 to 2.
+        axis: usize,
+    },
+    /// The radius register of a tool offset.
+    ToolRadius {
+        /// The offset's number.
+        tool: u32,
+    },
+    /// Its wear.
+    ToolRadiusWear {
+        /// The offset's number.
+        tool: u32,
+    },
+    /// Tip direction, 0 to 9.
+    TipDirection {
+        /// The offset's number.
+        tool: u32,
+    },
+    /// A variable that the control keeps: #500 to #999, parts counters, outputs. In the program's own unit.
+    Variable(u32),
+}
+
+impl Register {
+    /// Its name in logs: `G54 X`, `tool 5 wear X`, `#501`.
+    pub fn name(&self) -> String {
+        const AXES: [&str; 3] = ["X", "Y", "Z"];
+        match self {
+            Register::WorkOffset { name, axis } => format!("{name} {}", AXES[*axis]),
+            Register::ToolGeometry { tool, axis } => format!("tool {tool} geometry {}", AXES[*axis]),
+            Register::ToolWear { tool, axis } => format!("tool {tool} wear {}", AXES[*axis]),
+            Register::ToolRadius { tool } => format!("tool {tool} radius"),
+            Register::ToolRadiusWear { tool } => format!("tool {tool} radius wear"),
+            Register::TipDirection { tool } => format!("tool {tool} tip direction"),
+            Register::Variable(number) => format!("#{number}"),
+        }
+    }
 }
 
 /// A move of the tool tip.

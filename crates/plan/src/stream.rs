@@ -51,7 +51,7 @@ pub enum Answer {
     Truth(bool),
     /// A place of the tip; `None` when what was asked for did not happen.
     Place(Option<Point<Setup>>),
-    /// The machine does not know that: the program alarms.
+    /// The machine does not know that: the program alarms, or goes on with its own count and says so.
     Unknown,
 }
 

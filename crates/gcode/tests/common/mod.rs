@@ -194,6 +194,7 @@ pub fn spell(kind: &StepKind) -> String {
         StepKind::End(level) => format!("end {level:?}"),
         StepKind::Message(text) => format!("message '{text}'"),
         StepKind::Stop(kind) => format!("stop {kind:?}"),
+        StepKind::Register(r) => format!("register {} {:?} -> {:?}", r.register.name(), r.before.map(n), r.after.map(n)),
         StepKind::NcFunction(f) => format!("function {}", f.name),
     }
 }
