@@ -354,6 +354,9 @@ impl Interpreter {
 
     /// Hands an item on, or behind the move that waits.
     pub(crate) fn push(&mut self, item: Item) {
+        if self.corner.holds() && !matches!(item, Item::Step(_, StepKind::Move(_))) {
+            self.end_corner();
+        }
         match &mut self.compensation.engaged {
             Some(engaged) if engaged.pending.is_some() => {
                 engaged.held.push_back(Held::Item(item));
@@ -367,6 +370,7 @@ impl Interpreter {
 
     /// Waits no longer for a next move: what is held is given on. A fault is raised at the end of the block.
     pub(crate) fn settle(&mut self) {
+        self.end_corner();
         let Some(mut engaged) = self.compensation.engaged.take() else {
             return;
         };

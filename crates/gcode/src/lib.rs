@@ -15,6 +15,7 @@ mod arc;
 mod block;
 mod calls;
 mod compensation;
+mod corner;
 mod cycles;
 pub mod detect;
 mod evaluate;

@@ -536,6 +536,44 @@ fn a_skip_without_a_probe_goes_to_its_end_and_says_so() {
     assert_eq!(ask(touched), (vec![5.0, -1.25, 9.0], vec![]));
 }
 
+// ---- corners
+
+#[test]
+fn corners_are_rounded_and_chamfered_between_straight_moves() {
+    mill(
+        "G21 G90 G54 T1 M6\nM3 S1000 F100.\nG0 X0 Y0 Z0\nG1 X20. ,R5.\nY20. ,C3.\nX40.\nM30",
+        4,
+        expect![[r#"
+            4 line 0 0 0 -> 15 0 0 F100/min
+            4 arc 15 0 0 -> 20 5 0 r5 90deg about Z F100/min
+            5 line 20 5 0 -> 20 17 0 F100/min
+            5 line 20 17 0 -> 23 20 0 F100/min
+            6 line 23 20 0 -> 40 20 0 F100/min
+            7 spindle stopped
+        "#]],
+    );
+}
+
+#[test]
+fn a_lathe_writes_corners_without_a_comma_too_and_compensation_follows_them() {
+    expect![[r#"
+        4 line 15 0 5 -> 10 0 1.2 rapid
+        5 line 10 0 1.2 -> 10 0 -8 F0.1/rev
+        5 arc 10 0 -8 -> 12 0 -10 r1.2 -90deg about Y F0.1/rev
+        6 line 12 0 -10 -> 13.5314 0 -10 F0.1/rev
+        6 line 13.5314 0 -10 -> 15 0 -11.4686 F0.1/rev
+        7 line 15 0 -11.4686 -> 15 0 -20 F0.1/rev
+        8 line 15 0 -20 -> 25 0 5 rapid
+        9 spindle stopped
+    "#]]
+    .assert_eq(&told(
+        "G21 G18 G99 T0101\nG97 S1000 M3 F0.1\nG0 X30. Z5.\nG42 X20. Z2.\nG1 Z-10. R2.\nX30. C1.\nZ-20.\nG40 G0 X50. Z5.\nM30",
+        "fanuc-lathe",
+        lathe_with_nose(0.8, 3),
+        4,
+    ));
+}
+
 // ---- compensation
 
 #[test]
@@ -664,6 +702,9 @@ fn what_cannot_be_is_an_alarm_with_its_number() {
         ("fanuc-mill", mill_head, "G41 D2 G1 X5.\nG1 X50.\nG3 X53. Y3. R3.\nG1 Y9."),
         ("fanuc-mill", mill_head, "G42 D2 G1 X5.\nG1 X50.\nY-3.\nX40.\nY9."),
         ("fanuc-mill", mill_head, "G41 D2 G1 X5.\nG31 X9."),
+        ("fanuc-mill", mill_head, "G1 X5. ,R2.\nM8\nY5."),
+        ("fanuc-mill", mill_head, "G1 X5. ,R2.\nG2 X9. Y4. R4."),
+        ("fanuc-mill", mill_head, "G1 X5. ,C6.\nY9."),
         ("fanuc-mill", mill_head, "G41 D2 G1 X5.\nG18 X9."),
     ] {
         let (tables, program) = match dialect {

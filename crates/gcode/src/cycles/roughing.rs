@@ -10,6 +10,7 @@
 
 use crate::block::Block;
 use crate::compensation::Offset;
+use crate::corner::Corner;
 use crate::cycles::{Expansion, illegal};
 use crate::fault::{Fault, Outcome, Site};
 use crate::interpreter::{Flow, Interpreter, Item, Turning, missing_word};
@@ -330,7 +331,17 @@ impl Interpreter {
     /// The contour is read: the cycle begins. What the reading changed is as before, except by G70, which did those blocks.
     pub(crate) fn begin_contour_cycle(&mut self, request: &ContourRequest, contour: Contour, before: Before) -> Outcome<()> {
         let modal_after = (self.motion, self.feed, self.last_f);
+        let cut_short = self.corner.holds();
         self.restore(before);
+        if cut_short {
+            return Err(Fault::new(
+                request.at,
+                51,
+                "corner",
+                "the last block of the contour asks for a corner, and no move follows in it",
+                "take the corner out, or let Q name the next block",
+            ));
+        }
         match request.cycle {
             ContourCycle::Finish => {
                 (self.motion, self.feed, self.last_f) = modal_after;
@@ -368,6 +379,7 @@ impl Interpreter {
 
     /// Puts back what reading a contour changed.
     pub(crate) fn restore(&mut self, before: Before) {
+        self.corner = Corner::default();
         self.tip = before.tip;
         self.motion = before.motion;
         (self.feed, self.last_f, self.side) = (before.feed, before.last_f, before.side);
