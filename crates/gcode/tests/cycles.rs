@@ -558,12 +558,12 @@ fn corners_are_rounded_and_chamfered_between_straight_moves() {
 fn a_lathe_writes_corners_without_a_comma_too_and_compensation_follows_them() {
     expect![[r#"
         4 line 15 0 5 -> 10 0 1.2 rapid
-        5 line 10 0 1.2 -> 10 0 -8 F0.1/rev
-        5 arc 10 0 -8 -> 12 0 -10 r1.2 -90deg about Y F0.1/rev
-        6 line 12 0 -10 -> 13.5314 0 -10 F0.1/rev
+        5 line 10 0 1.2 -> 10 0 -8.8 F0.1/rev
+        5 arc 10 0 -8.8 -> 11.2 0 -10 r1.2 -90deg about Y F0.1/rev
+        6 line 11.2 0 -10 -> 13.5314 0 -10 F0.1/rev
         6 line 13.5314 0 -10 -> 15 0 -11.4686 F0.1/rev
-        7 line 15 0 -11.4686 -> 15 0 -20 F0.1/rev
-        8 line 15 0 -20 -> 25 0 5 rapid
+        7 line 15 0 -11.4686 -> 15 0 -20.8 F0.1/rev
+        8 line 15 0 -20.8 -> 25 0 5 rapid
         9 spindle stopped
     "#]]
     .assert_eq(&told(
