@@ -756,6 +756,12 @@ fn what_cannot_be_is_an_alarm_with_its_number() {
           alarm 41: error: test.nc:7:1: the offset path of the move before this one would run backwards: the tool is too large for it; use a smaller tool, or check the radius in the offset table
         G41 D2 G1 X5. | G31 X9.
           alarm 36: error: test.nc:5:1: G31 while cutter compensation is in force; cancel it with G40 first
+        G1 X5. ,R2. | M8 | Y5.
+          alarm 51: error: test.nc:5:1: no straight move follows a corner at once; let the next block be the G1 that the corner leads to
+        G1 X5. ,R2. | G2 X9. Y4. R4.
+          alarm 52: error: test.nc:5:1: an arc follows a corner; put corners between straight moves only
+        G1 X5. ,C6. | Y9.
+          alarm 55: error: test.nc:5:1: a move of 5.0000 mm is too short for a corner that takes 6.0000 mm of it; make the corner smaller
         G41 D2 G1 X5. | G18 X9.
           alarm 37: error: test.nc:5:1: the plane changes while cutter compensation is in force; cancel with G40 first
     "#]].assert_eq(&all);
