@@ -575,10 +575,7 @@ fn what_is_wrong_is_said_with_line_column_and_remedy() {
                 alarm 34: error: test.nc:3:1: cutter compensation is begun with an arc; begin and cancel it with a straight move (G0, G1)
             "#]],
         ),
-        (
-            "G21\n  IF [#1 EQ 0] GOTO 5",
-            expect![""],
-        ),
+        ("G21\n  IF [#1 EQ 0] GOTO 5", expect![""]),
         (
             "G21\nG65 P9000 A1.",
             expect![[r#"
