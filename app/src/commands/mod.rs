@@ -4,6 +4,7 @@ pub mod check;
 pub mod compare;
 pub mod demo;
 pub mod inspect;
+pub mod macro_run;
 pub mod plan;
 pub mod rebuild;
 pub mod run;

@@ -288,11 +288,7 @@ impl<'a> Trajectory<'a> {
                 };
                 self.mark(vec![Output::Passed(step), command(Command::Coolant { outlets, step: id })]);
             }
-            StepKind::Begin(_)
-            | StepKind::End(_)
-            | StepKind::Message(_)
-            | StepKind::Register(_)
-            | StepKind::NcFunction(_) => {
+            StepKind::Begin(_) | StepKind::End(_) | StepKind::Message(_) | StepKind::Register(_) | StepKind::NcFunction(_) => {
                 self.mark(vec![Output::Passed(step)]);
             }
             StepKind::Dwell(time) => {
