@@ -766,3 +766,59 @@ fn what_cannot_be_is_an_alarm_with_its_number() {
           alarm 37: error: test.nc:5:1: the plane changes while cutter compensation is in force; cancel with G40 first
     "#]].assert_eq(&all);
 }
+
+// ---- offsets
+
+#[test]
+fn g10_writes_a_lathes_offset_and_compensation_follows_it() {
+    // Geometry of offset 1: X 50 mm as a diameter, nose 0.8, direction 3; then wear: 0.2 more on the nose.
+    let program = "G21 G18 G99\nG10 P10001 X50. Z30. R0.8 Q3\nG10 P1 U0.1 R0.2\nT0101\nG97 S1000 M3 F0.1\nG0 X30. Z5.\nG42 X20. Z2.\nG1 Z-10.\nG40 G0 X50.\nM30";
+    let told = told(program, "fanuc-lathe", lathe_tables(), 4);
+    let kept: Vec<&str> = told
+        .lines()
+        .filter(|l| l.contains("geometry") || l.starts_with("8 "))
+        .collect();
+    assert_eq!(
+        kept,
+        [
+            "4 tool offset 1 geometry 25 0 30 wear 0.05 0 0",
+            // The centre of a nose of 1 mm runs at X 22; its tip at X 20, 1 mm short of Z -10 until the nose is square to the end.
+            "8 line 10 0 1 -> 10 0 -11 F0.1/rev",
+        ]
+    );
+}
+
+#[test]
+fn the_station_may_choose_the_geometry() {
+    let offset = |geometry_by_station: bool| {
+        let options = Options {
+            geometry_by_station,
+            ..Options::default()
+        };
+        let program = b"G21 G18 G99\nT0103\nM30";
+        let mut stream = open_with(program, "fanuc-lathe", lathe_tables(), options).expect("it opens");
+        let (steps, alarm) = run(&mut stream);
+        assert_eq!(alarm, None);
+        steps
+            .iter()
+            .find_map(|s| match s.kind {
+                StepKind::ToolOffset(o) => Some((o.geometry.xyz[0], o.wear.xyz[0])),
+                _ => None,
+            })
+            .expect("an offset")
+    };
+    // Tool 1 has a geometry of X 20, tool 3 of X 22 and a wear of -0.05.
+    assert_eq!(offset(false), (22.0, -0.05));
+    assert_eq!(offset(true), (20.0, -0.05));
+}
+
+#[test]
+fn ten_thousand_holes_are_told_one_after_the_other() {
+    let program = "G21 G90 G54 T1 M6\nM3 S1000 F100.\nG0 X0 Y0 Z5.\nG91 G99 G81 X0.01 R-4. Z-2. K9999\nM30";
+    let mut stream = open_with(program.as_bytes(), "fanuc-mill", mill_tables(), Options::default()).expect("it opens");
+    let (steps, alarm) = run(&mut stream);
+    assert_eq!(alarm, None);
+    let moves = steps.iter().filter(|s| matches!(s.kind, StepKind::Move(_))).count();
+    // The way there, then over, down and up for each; the first goes down to R as well.
+    assert_eq!(moves, 1 + 9999 * 3 + 1);
+}
