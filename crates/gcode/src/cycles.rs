@@ -5,12 +5,13 @@
 //! as their origin.
 //!
 //! Each family is a file: [`drilling`] for G73 to G89, [`turning`] for the single cycles G90 and G94, [`threading`] for G32, G92 and
-//! G76 of lathes, [`grooving`] for G74 and G75, [`roughing`] for G70 to G73 over a contour of the program.
+//! G76 of lathes, [`grooving`] for G74 and G75, [`roughing`] and [`levels`] for G70 to G73 over a contour of the program.
 //!
 //! Alarm numbers are those of the 16i family: 061 to 066 for the cycles of lathes, 045 for a missing Q of drilling.
 
 pub(crate) mod drilling;
 pub(crate) mod grooving;
+pub(crate) mod levels;
 pub(crate) mod roughing;
 pub(crate) mod threading;
 pub(crate) mod turning;

@@ -7,6 +7,7 @@
 use crate::block::{Block, Code, Word};
 use crate::calls::ModalCall;
 use crate::compensation::Compensation;
+use crate::corner::Corner;
 use crate::cycles::drilling::Cycle;
 use crate::cycles::roughing::ContourRequest;
 use crate::cycles::turning::Single;
@@ -93,6 +94,7 @@ pub(crate) struct Interpreter {
     pub side: Side,
     pub cycle: Option<Cycle>,
     pub compensation: Compensation,
+    pub corner: Corner,
     /// A cycle that is being told, pass by pass; no line is read before it is over.
     pub expansion: Option<Box<dyn Expansion>>,
     pub turning_cycles: TurningCycles,
@@ -221,6 +223,7 @@ impl Interpreter {
             side: Side::On,
             cycle: None,
             compensation: Compensation::default(),
+            corner: Corner::default(),
             expansion: None,
             turning_cycles: TurningCycles::default(),
             skip_position: [0.0; 3],

@@ -75,7 +75,17 @@ impl Interpreter {
             Motion::Rapid => self.line(to, Speed::Rapid),
             Motion::Straight => {
                 let feed = Speed::Feed(self.feed(at)?);
+                self.take_corner(block, site)?;
                 self.line(to, feed);
+                if self.corner.asked.take().is_some() {
+                    return Err(Fault::new(
+                        at,
+                        55,
+                        "corner",
+                        "a corner behind a move without length",
+                        "take the corner out",
+                    ));
+                }
             }
             Motion::Clockwise => self.arc(to, false, at, block, site)?,
             Motion::Counterclockwise => self.arc(to, true, at, block, site)?,
@@ -147,7 +157,7 @@ impl Interpreter {
         self.moved = true;
         self.moved_since_stop = true;
         self.threading = matches!(speed, Speed::Feed(Feed::Thread(_)));
-        if let Err(fault) = self.take_move(path, speed) {
+        if let Err(fault) = self.round(path, speed) {
             self.compensation.fault.get_or_insert(fault);
         }
     }

@@ -377,7 +377,8 @@ impl Interpreter {
         Ok(())
     }
 
-    /// The offset of a lathe's T word; 0 is none.
+    /// The offset of a lathe's T word; 0 is none. It moves no axis, whatever parameter 5002.6 LWM says of the T block: the next move
+    /// with absolute words ends at the same place either way.
     pub(crate) fn select_turning_offset(&mut self, number: u32, at: usize, site: Site<'_>) -> Outcome<()> {
         if number == 0 {
             self.set_tool_offset(ToolOffset::NONE);

@@ -536,6 +536,44 @@ fn a_skip_without_a_probe_goes_to_its_end_and_says_so() {
     assert_eq!(ask(touched), (vec![5.0, -1.25, 9.0], vec![]));
 }
 
+// ---- corners
+
+#[test]
+fn corners_are_rounded_and_chamfered_between_straight_moves() {
+    mill(
+        "G21 G90 G54 T1 M6\nM3 S1000 F100.\nG0 X0 Y0 Z0\nG1 X20. ,R5.\nY20. ,C3.\nX40.\nM30",
+        4,
+        expect![[r#"
+            4 line 0 0 0 -> 15 0 0 F100/min
+            4 arc 15 0 0 -> 20 5 0 r5 90deg about Z F100/min
+            5 line 20 5 0 -> 20 17 0 F100/min
+            5 line 20 17 0 -> 23 20 0 F100/min
+            6 line 23 20 0 -> 40 20 0 F100/min
+            7 spindle stopped
+        "#]],
+    );
+}
+
+#[test]
+fn a_lathe_writes_corners_without_a_comma_too_and_compensation_follows_them() {
+    expect![[r#"
+        4 line 15 0 5 -> 10 0 1.2 rapid
+        5 line 10 0 1.2 -> 10 0 -8.8 F0.1/rev
+        5 arc 10 0 -8.8 -> 11.2 0 -10 r1.2 -90deg about Y F0.1/rev
+        6 line 11.2 0 -10 -> 13.5314 0 -10 F0.1/rev
+        6 line 13.5314 0 -10 -> 15 0 -11.4686 F0.1/rev
+        7 line 15 0 -11.4686 -> 15 0 -20.8 F0.1/rev
+        8 line 15 0 -20.8 -> 25 0 5 rapid
+        9 spindle stopped
+    "#]]
+    .assert_eq(&told(
+        "G21 G18 G99 T0101\nG97 S1000 M3 F0.1\nG0 X30. Z5.\nG42 X20. Z2.\nG1 Z-10. R2.\nX30. C1.\nZ-20.\nG40 G0 X50. Z5.\nM30",
+        "fanuc-lathe",
+        lathe_with_nose(0.8, 3),
+        4,
+    ));
+}
+
 // ---- compensation
 
 #[test]
@@ -664,6 +702,9 @@ fn what_cannot_be_is_an_alarm_with_its_number() {
         ("fanuc-mill", mill_head, "G41 D2 G1 X5.\nG1 X50.\nG3 X53. Y3. R3.\nG1 Y9."),
         ("fanuc-mill", mill_head, "G42 D2 G1 X5.\nG1 X50.\nY-3.\nX40.\nY9."),
         ("fanuc-mill", mill_head, "G41 D2 G1 X5.\nG31 X9."),
+        ("fanuc-mill", mill_head, "G1 X5. ,R2.\nM8\nY5."),
+        ("fanuc-mill", mill_head, "G1 X5. ,R2.\nG2 X9. Y4. R4."),
+        ("fanuc-mill", mill_head, "G1 X5. ,C6.\nY9."),
         ("fanuc-mill", mill_head, "G41 D2 G1 X5.\nG18 X9."),
     ] {
         let (tables, program) = match dialect {
@@ -715,7 +756,69 @@ fn what_cannot_be_is_an_alarm_with_its_number() {
           alarm 41: error: test.nc:7:1: the offset path of the move before this one would run backwards: the tool is too large for it; use a smaller tool, or check the radius in the offset table
         G41 D2 G1 X5. | G31 X9.
           alarm 36: error: test.nc:5:1: G31 while cutter compensation is in force; cancel it with G40 first
+        G1 X5. ,R2. | M8 | Y5.
+          alarm 51: error: test.nc:5:1: no straight move follows a corner at once; let the next block be the G1 that the corner leads to
+        G1 X5. ,R2. | G2 X9. Y4. R4.
+          alarm 52: error: test.nc:5:1: an arc follows a corner; put corners between straight moves only
+        G1 X5. ,C6. | Y9.
+          alarm 55: error: test.nc:5:1: a move of 5.0000 mm is too short for a corner that takes 6.0000 mm of it; make the corner smaller
         G41 D2 G1 X5. | G18 X9.
           alarm 37: error: test.nc:5:1: the plane changes while cutter compensation is in force; cancel with G40 first
     "#]].assert_eq(&all);
+}
+
+// ---- offsets
+
+#[test]
+fn g10_writes_a_lathes_offset_and_compensation_follows_it() {
+    // Geometry of offset 1: X 50 mm as a diameter, nose 0.8, direction 3; then wear: 0.2 more on the nose.
+    let program = "G21 G18 G99\nG10 P10001 X50. Z30. R0.8 Q3\nG10 P1 U0.1 R0.2\nT0101\nG97 S1000 M3 F0.1\nG0 X30. Z5.\nG42 X20. Z2.\nG1 Z-10.\nG40 G0 X50.\nM30";
+    let told = told(program, "fanuc-lathe", lathe_tables(), 4);
+    let kept: Vec<&str> = told
+        .lines()
+        .filter(|l| l.contains("geometry") || l.starts_with("8 "))
+        .collect();
+    assert_eq!(
+        kept,
+        [
+            "4 tool offset 1 geometry 25 0 30 wear 0.05 0 0",
+            // The centre of a nose of 1 mm runs at X 22; its tip at X 20, 1 mm short of Z -10 until the nose is square to the end.
+            "8 line 10 0 1 -> 10 0 -11 F0.1/rev",
+        ]
+    );
+}
+
+#[test]
+fn the_station_may_choose_the_geometry() {
+    let offset = |geometry_by_station: bool| {
+        let options = Options {
+            geometry_by_station,
+            ..Options::default()
+        };
+        let program = b"G21 G18 G99\nT0103\nM30";
+        let mut stream = open_with(program, "fanuc-lathe", lathe_tables(), options).expect("it opens");
+        let (steps, alarm) = run(&mut stream);
+        assert_eq!(alarm, None);
+        steps
+            .iter()
+            .find_map(|s| match s.kind {
+                StepKind::ToolOffset(o) => Some((o.geometry.xyz[0], o.wear.xyz[0])),
+                _ => None,
+            })
+            .expect("an offset")
+    };
+    // Tool 1 has a geometry of X 20, tool 3 of X 22 and a wear of -0.05.
+    assert_eq!(offset(false), (22.0, -0.05));
+    assert_eq!(offset(true), (20.0, -0.05));
+}
+
+#[test]
+fn ten_thousand_holes_are_told_one_after_the_other() {
+    let program = "G21 G90 G54 T1 M6\nM3 S1000 F100.\nG0 X0 Y0 Z5.\nG91 G99 G81 X0.01 R-4. Z-2. K9999\nM30";
+    let mut stream = open_with(program.as_bytes(), "fanuc-mill", mill_tables(), Options::default()).expect("it opens");
+    let (steps, alarm) = run(&mut stream);
+    assert_eq!(alarm, None);
+    let moves = steps.iter().filter(|s| matches!(s.kind, StepKind::Move(_))).count();
+    // The way there, then over, down and up for each; the first goes down to R as well.
+    assert_eq!(moves, 1 + 9999 * 3 + 1);
 }
