@@ -582,6 +582,9 @@ impl ProgramStream for GcodeProgram {
             }
             match self.interpreter.out.pop_front() {
                 Some(Item::Step(origin, kind)) => {
+                    if let StepKind::Dwell(time) = kind {
+                        self.interpreter.nominal += time.0;
+                    }
                     if matches!(
                         kind,
                         StepKind::Move(_) | StepKind::MachineMove(_) | StepKind::Dwell(_) | StepKind::Stop(_)
