@@ -75,6 +75,9 @@ pub enum Command {
     Check(ProgramArgs),
     /// The tree of a STEP-NC or G-code file; --json gives it whole.
     Inspect(InspectArgs),
+    /// Work with macro programs.
+    #[command(subcommand)]
+    Macro(MacroCommand),
     /// Plan a program's motion and write the set-points, 1 ms apart.
     Plan(PlanArgs),
     /// Record what an MTConnect agent tells: its buffer first, then live, through cuts and restarts of the agent. Ctrl-C ends it. What
@@ -210,6 +213,26 @@ pub struct DemoArgs {
     /// Keep the files here instead of in a fresh temporary folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+}
+
+/// `toolmark macro`
+#[derive(Debug, Subcommand)]
+pub enum MacroCommand {
+    /// Interpret a G-code program without a machine: alarm, variables, path, printed lines, names, stops, tool.
+    Run(MacroRunArgs),
+}
+
+/// `toolmark macro run`
+#[derive(Debug, Args)]
+pub struct MacroRunArgs {
+    /// G-code.
+    pub program: PathBuf,
+    /// What it is started with, as JSON: {"machine":"lathe","units":"inch","params":{"6001.5":1},"vars":{"2005":0.001}}.
+    #[arg(long, value_name = "S.json")]
+    pub setup: Option<PathBuf>,
+    /// Blocks in a row without a move after which the program counts as endless [default: 100000000].
+    #[arg(long, value_name = "N")]
+    pub most_blocks: Option<u64>,
 }
 
 /// A program.

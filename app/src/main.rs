@@ -58,6 +58,7 @@ fn run(cli: &Cli) -> u8 {
         Command::Run(args) => commands::run::run(args, common),
         Command::Check(args) => commands::check::check(args, common),
         Command::Inspect(args) => commands::inspect::inspect(args, common),
+        Command::Macro(cli::MacroCommand::Run(args)) => commands::macro_run::macro_run(args, common),
         Command::Plan(args) => commands::plan::plan(args, common),
         Command::Record(args) => commands::record::record(args, common),
         Command::Rebuild(args) => commands::rebuild::rebuild(args, common),

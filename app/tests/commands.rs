@@ -426,7 +426,7 @@ fn wrong_usage_is_exit_2_and_help_teaches() {
 #[test]
 fn the_corpus_gives_the_figures_that_are_expected_of_it() {
     let out = folder();
-    for name in ["bracket.stpnc", "plate.nc", "shaft.nc"] {
+    for name in ["bracket.stpnc", "flange.nc", "plate.nc", "shaft.nc", "spindle.nc"] {
         let inspected = json(&toolmark(&["inspect", "--json", &corpus(name)], out.path()));
         let csv = out.path().join("plan.csv").display().to_string();
         let planned = json(&toolmark(&["plan", "--json", &corpus(name), "--out", &csv], out.path()));

@@ -129,6 +129,10 @@ pub struct InitialTool {
     pub name: String,
     /// Cutting diameter.
     pub diameter: Option<Millimetres>,
+    /// Radius register of compensation: a mill's D, a turning tool's nose radius.
+    pub radius: Option<Millimetres>,
+    /// Where the imaginary tip of a turning tool lies, 0 to 9 as the controls number it.
+    pub tip_direction: Option<u8>,
     /// From tip to gauge point along X, Y, Z, mm. X in diameters where the axis counts so.
     pub geometry: [f64; 3],
 }
@@ -277,6 +281,8 @@ struct ToolText {
     #[serde(default)]
     name: String,
     diameter_mm: Option<Positive>,
+    radius_mm: Option<NotNegative>,
+    tip_direction: Option<Spanned<u8>>,
     #[serde(default)]
     geometry_x_mm: Finite,
     #[serde(default)]
@@ -347,9 +353,14 @@ impl Text {
                     "tool 0 is the empty spindle; number tools from 1".to_owned(),
                 ));
             }
+            if let Some(direction) = tool.tip_direction.as_ref().filter(|d| *d.get_ref() > 9) {
+                return Err((direction.span().start, "a tip direction is 0 to 9".to_owned()));
+            }
             let entry = InitialTool {
                 name: tool.name,
                 diameter: tool.diameter_mm.map(|d| Millimetres(d.0)),
+                radius: tool.radius_mm.map(|r| Millimetres(r.0)),
+                tip_direction: tool.tip_direction.map(Spanned::into_inner),
                 geometry: [tool.geometry_x_mm.0, tool.geometry_y_mm.0, tool.geometry_z_mm.0],
             };
             if tools.insert(ToolNumber(number), entry).is_some() {

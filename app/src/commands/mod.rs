@@ -6,6 +6,7 @@ pub mod compare;
 pub mod demo;
 pub mod hold;
 pub mod inspect;
+pub mod macro_run;
 pub mod plan;
 pub mod rebuild;
 pub mod record;

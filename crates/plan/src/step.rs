@@ -5,7 +5,7 @@
 
 use crate::path::Path;
 use std::collections::BTreeMap;
-use units::{Machine, Millimetres, MmPerSec, Rpm, Seconds, Setup, StepId, ToolNumber, Transform, Vector};
+use units::{Machine, Millimetres, MmPerSec, Radians, Rpm, Seconds, Setup, StepId, ToolNumber, Transform, Vector};
 
 /// One thing to do, with where it was said.
 #[derive(Clone, Debug, PartialEq)]
@@ -195,6 +195,21 @@ pub enum Feed {
     PerRevolution(Millimetres),
     /// The whole move takes this long (inverse time).
     WholeMove(Seconds),
+    /// Tied to the angle of the spindle: a thread or a rigid tap.
+    Thread(Thread),
+}
+
+/// A move that belongs to an angle of the spindle, so that a second one cuts in the groove of the first.
+///
+/// The step says what has to be so; how closely it is held is the machine's. A planner that does not see the spindle's encoder plans
+/// it at advance times revolutions and says so.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thread {
+    /// Path length for each revolution. (A program gives the lead along one axis; on a taper the path is longer.)
+    pub advance: Millimetres,
+    /// Angle of the spindle, from its index mark in the direction of rotation, at which the move begins; `None` follows on from the
+    /// thread before without waiting for the mark.
+    pub start: Option<Radians>,
 }
 
 /// A feed multiplier along a path.
@@ -273,6 +288,8 @@ pub enum SpindleState {
     /// It stands.
     #[default]
     Stopped,
+    /// It stands at its own fixed angle (M19, and boring cycles that move the tool's point off the wall).
+    Oriented,
     /// M3: clockwise, seen from the spindle towards the workpiece.
     Clockwise(SpindleMode),
     /// M4.
@@ -297,7 +314,7 @@ impl SpindleState {
     /// Revolutions with the tip at `radius`; surface speed at radius 0 gives the limit.
     pub fn revolutions(&self, radius: Millimetres) -> Rpm {
         match self {
-            SpindleState::Stopped => Rpm::ZERO,
+            SpindleState::Stopped | SpindleState::Oriented => Rpm::ZERO,
             SpindleState::Clockwise(mode) | SpindleState::Counterclockwise(mode) => match *mode {
                 SpindleMode::Revolutions(n) => n,
                 SpindleMode::Surface { speed, limit } => {
