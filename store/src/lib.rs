@@ -33,6 +33,7 @@ mod sources;
 mod table;
 pub mod sizing;
 pub mod trajectory;
+mod variables;
 mod verify;
 mod wal;
 mod whole_file;
