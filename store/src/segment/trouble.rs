@@ -110,7 +110,9 @@ impl DiskFile for TroubledFile {
                 _ => delays.pop(),
             }
         };
-        delay.map(std::thread::sleep);
+        if let Some(delay) = delay {
+            std::thread::sleep(delay);
+        }
         let fails = |left: u64| left.checked_sub(1);
         if troubles.sync_fails.fetch_update(SeqCst, SeqCst, fails).is_ok() {
             return Err(io::Error::other("a planted failure of the sync"));

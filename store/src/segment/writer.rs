@@ -20,7 +20,7 @@ use std::sync::Arc;
 pub struct Options {
     /// Number of the first row of this segment in its recording.
     pub first_row: u64,
-    /// Compress rows with zstd. Half the bytes for a tenth of a millisecond a frame; off for the shortest way.
+    /// Compress rows with zstd: fewer bytes for the disk, more work before each write.
     pub compress: bool,
 }
 

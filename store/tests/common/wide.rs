@@ -112,7 +112,7 @@ impl Machine {
         }
         for force in 0..4 {
             // Four teeth at 8000 rev/min, and noise of five quanta.
-            values[56 + force] = 120.0 * (t * 533.3 * 6.283 + force as f64).sin() + self.noise(5.0);
+            values[56 + force] = 120.0 * (t * 533.3 * std::f64::consts::TAU + force as f64).sin() + self.noise(5.0);
         }
         for sensor in 0..4 {
             values[60 + sensor] = 24.0 + 3.0 * (t / 1800.0 + sensor as f64).sin() + self.noise(0.05);
