@@ -115,6 +115,8 @@ fn copy(connection: &Connection, path: &Path, version: i64) -> Result<PathBuf, S
 mod tests {
     use super::*;
 
+    /// What there was first.
+    const FIRST: &[&str] = &[MIGRATIONS[0]];
     const LATER: &[&str] = &[MIGRATIONS[0], "ALTER TABLE jobs ADD COLUMN part TEXT;"];
 
     fn tables_of(connection: &Connection) -> i64 {
@@ -127,7 +129,7 @@ mod tests {
     fn an_older_database_is_copied_and_then_migrated() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("toolmark.sqlite");
-        let old = open(&path, MIGRATIONS).expect("made");
+        let old = open(&path, FIRST).expect("made");
         let columns = tables_of(&old);
         old.execute("INSERT INTO jobs (program, program_sha256, machine, seed, start_ns, state, folder) VALUES ('a', 'b', 'c', '1', 2, 'done', 'd')", [])
             .expect("a row");
@@ -153,10 +155,10 @@ mod tests {
     fn a_migration_that_fails_leaves_the_old_version_and_its_data() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("toolmark.sqlite");
-        drop(open(&path, MIGRATIONS).expect("made"));
+        drop(open(&path, FIRST).expect("made"));
         let broken = [MIGRATIONS[0], "ALTER TABLE jobs ADD COLUMN part TEXT; SELECT * FROM nowhere;"];
         assert!(matches!(open(&path, &broken), Err(StoreError::Database { .. })));
-        let old = open(&path, MIGRATIONS).expect("still version 1");
+        let old = open(&path, FIRST).expect("still version 1");
         assert_eq!(
             old.query_row(
                 "SELECT count(*) FROM pragma_table_info('jobs') WHERE name = 'part'",
@@ -174,7 +176,7 @@ mod tests {
         let path = folder.path().join("toolmark.sqlite");
         drop(open(&path, LATER).expect("made by a newer program"));
         let before = std::fs::read(&path).expect("reads");
-        let refused = open(&path, MIGRATIONS).expect_err("too new");
+        let refused = open(&path, FIRST).expect_err("too new");
         assert_eq!(refused.exit_code(), 3);
         assert!(
             refused.to_string().contains("schema 2, this program knows up to 1"),
@@ -191,6 +193,6 @@ mod tests {
             .expect("made")
             .execute_batch("CREATE TABLE theirs (x)")
             .expect("a table");
-        assert!(matches!(open(&path, MIGRATIONS), Err(StoreError::NotOurs { .. })));
+        assert!(matches!(open(&path, FIRST), Err(StoreError::NotOurs { .. })));
     }
 }

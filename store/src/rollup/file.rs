@@ -254,7 +254,15 @@ impl Readings {
             &mut out,
             there().map(|b| (i64::from(b.max) - i64::from(b.first.max(b.last))) as u64),
         );
-        put(&mut out, there().map(|b| unsigned(b.sum.wrapping_sub(expected_sum(b)))));
+        // Noise lies evenly about the middle of its range, a path about its chord: whichever is shorter.
+        let sums = EXPECTED.map(|expected| {
+            let mut sums = Vec::new();
+            put(&mut sums, there().map(|b| unsigned(b.sum.wrapping_sub(expected(b)))));
+            sums
+        });
+        let best = usize::from(sums[1].len() < sums[0].len());
+        out.push(best as u8);
+        out.extend_from_slice(&sums[best]);
         out
     }
 
@@ -263,13 +271,16 @@ impl Readings {
         let missing = take(bytes, times.len())?;
         let rows = |k: usize| times.row[k + 1] - times.row[k];
         let there = (0..times.len()).filter(|&k| missing[k] < rows(k)).count();
-        let [since, length, below, above, sum] = [
-            take(bytes, there)?,
+        let [since, length, below, above] = [
             take(bytes, there)?,
             take(bytes, there)?,
             take(bytes, there)?,
             take(bytes, there)?,
         ];
+        let (&best, rest) = bytes.split_first()?;
+        *bytes = rest;
+        let expected_sum = EXPECTED.get(usize::from(best))?;
+        let sum = take(bytes, there)?;
         let mut buckets = Vec::with_capacity(times.len());
         let (mut at, mut n) = (0i64, 0);
         for (k, &missing) in missing.iter().enumerate() {
@@ -300,9 +311,11 @@ impl Readings {
     }
 }
 
-/// The sum if the readings lay evenly between least and greatest: the rest is what is kept.
-fn expected_sum(bucket: &Summary) -> i64 {
-    ((i128::from(bucket.min) + i128::from(bucket.max)) * i128::from(bucket.count) / 2) as i64
+/// What the sum of a bucket may be expected to be; what it differs by is what is kept.
+const EXPECTED: [fn(&Summary) -> i64; 2] = [|b| middle(b.min, b.max, b.count), |b| middle(b.first, b.last, b.count)];
+
+fn middle(a: i32, b: i32, count: u64) -> i64 {
+    ((i128::from(a) + i128::from(b)) * i128::from(count) / 2) as i64
 }
 
 /// The start of a roll-up file.
