@@ -195,12 +195,13 @@ impl Times {
         let mut out = Vec::new();
         let before = |k: usize| if k == 0 { self.first_us[0] } else { self.last_us[k - 1] };
         let n = self.len();
-        put(&mut out, (0..n).map(|k| unsigned(self.first_us[k].wrapping_sub(before(k)))));
+        // As what differs from the bucket before: rows at a steady pace take no bits.
+        put(&mut out, changes((0..n).map(|k| self.first_us[k].wrapping_sub(before(k)))));
         put(
             &mut out,
-            (0..n).map(|k| unsigned(self.last_us[k].wrapping_sub(self.first_us[k]))),
+            changes((0..n).map(|k| self.last_us[k].wrapping_sub(self.first_us[k]))),
         );
-        put(&mut out, (0..n).map(|k| self.row[k + 1] - self.row[k]));
+        put(&mut out, changes((0..n).map(|k| (self.row[k + 1] - self.row[k]) as i64)));
         put(&mut out, self.gaps.iter().map(|&g| u64::from(g)));
         put(&mut out, self.even.iter().map(|&e| u64::from(!e)));
         out
@@ -209,17 +210,17 @@ impl Times {
     fn decode(mut bytes: &[u8], block: &BlockText) -> Option<Times> {
         let n = block.buckets;
         let bytes = &mut bytes;
-        let [since, length, rows] = [take(bytes, n)?, take(bytes, n)?, take(bytes, n)?];
+        let [since, length, rows] = [take(bytes, n)?, take(bytes, n)?, take(bytes, n)?].map(values);
         let [gaps, uneven] = [take(bytes, n)?, take(bytes, n)?];
         let mut times = Times::default();
         let (mut at, mut row) = (block.first_us, block.first_row);
         times.row.push(row);
         for k in 0..n {
-            let first = at.wrapping_add(signed(since[k]));
-            at = first.wrapping_add(signed(length[k]));
+            let first = at.wrapping_add(since[k]);
+            at = first.wrapping_add(length[k]);
             times.first_us.push(first);
             times.last_us.push(at);
-            row = row.checked_add(rows[k])?;
+            row = row.checked_add(u64::try_from(rows[k]).ok()?)?;
             times.row.push(row);
             times.gaps.push(u32::try_from(gaps[k]).ok()?);
             times.even.push(uneven[k] == 0);
@@ -309,6 +310,22 @@ impl Readings {
         }
         bytes.is_empty().then_some(Readings { buckets })
     }
+}
+
+/// Each number as what it differs by from the one before, small where it is small.
+fn changes(numbers: impl Iterator<Item = i64>) -> impl Iterator<Item = u64> {
+    let mut before = 0i64;
+    numbers.map(move |number| unsigned(number.wrapping_sub(std::mem::replace(&mut before, number))))
+}
+
+/// The way back.
+fn values(changes: Vec<u64>) -> Vec<i64> {
+    let mut at = 0i64;
+    let add = |change: u64| {
+        at = at.wrapping_add(signed(change));
+        at
+    };
+    changes.into_iter().map(add).collect()
 }
 
 /// What the sum of a bucket may be expected to be; what it differs by is what is kept.
