@@ -73,28 +73,42 @@ fn main() {
         raw as f64 / 1e6,
         rolled as f64 / 1e6
     );
-    println!("| what | p50 | p95 | worst | budget | |\n|---|---|---|---|---|---|");
+    println!("| what | p50 | p95 | worst | budget | | mean of processor time |\n|---|---|---|---|---|---|---|");
     let mut good = true;
     for (name, spans) in [
         ("whole range", vec![whole; 20]),
         ("random ranges", uniform),
         ("random zooms", zoomed),
     ] {
+        let (before, count) = (processor_ms(), spans.len() as f64);
         let mut took: Vec<f64> = spans.iter().map(|span| draw(&directory, *span)).collect();
+        let processor = (processor_ms() - before) / count;
         took.sort_by(f64::total_cmp);
         let at = |part: f64| took[((took.len() - 1) as f64 * part) as usize];
         let (p50, p95, worst) = (at(0.5), at(0.95), at(1.0));
         good &= p95 <= BUDGET_MS;
         let word = if p95 <= BUDGET_MS { "good" } else { "OVER" };
-        println!("| {name}, {PIXELS} pixels, ms | {p50:.1} | {p95:.1} | {worst:.1} | p95 <= {BUDGET_MS} | {word} |");
+        println!(
+            "| {name}, {PIXELS} pixels, ms | {p50:.1} | {p95:.1} | {worst:.1} | p95 <= {BUDGET_MS} | {word} | {processor:.1} |"
+        );
     }
     let ratio = rolled as f64 / raw as f64 * 100.0;
     let word = if ratio <= 5.0 { "good" } else { "OVER" };
-    println!("| roll-ups, % of the records | {ratio:.2} | | | <= 5 | {word} |");
-    println!("| building one of {} rows, s | {building:.2} | | | | |", one.rows);
+    println!("| roll-ups, % of the records | {ratio:.2} | | | <= 5 | {word} | |");
+    println!("| building one of {} rows, s | {building:.2} | | | | | |", one.rows);
     if !good || ratio > 5.0 {
         std::process::exit(1);
     }
+}
+
+/// What this process has taken of the processors so far: on a busy machine it tells more than the clock on the wall. 0 where the system
+/// does not say.
+fn processor_ms() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let after_name = stat.rsplit(')').next().unwrap_or_default();
+    // Fields 14 and 15 of proc(5), in ticks of 10 ms.
+    let ticks = after_name.split_whitespace().skip(11).take(2);
+    ticks.filter_map(|t| t.parse::<f64>().ok()).sum::<f64>() * 10.0
 }
 
 /// Draws one curve; gives milliseconds.
@@ -112,7 +126,7 @@ fn draw(directory: &DataDirectory, (from, to): (i64, i64)) -> f64 {
     took
 }
 
-/// Rows at 1 kHz: a load that drifts with noise of four quanta rms, a position that swings.
+/// Rows at 1 kHz: a load that drifts with noise of four quanta rms, a position on an arc with the noise of an encoder.
 fn fill(directory: &mut DataDirectory, random: &mut ChaCha8Rng, from: u64, to: u64) {
     let layout = Layout::samples([
         Column::reading("X.LOAD", "PERCENT", 0.1, 0.0),
@@ -122,7 +136,8 @@ fn fill(directory: &mut DataDirectory, random: &mut ChaCha8Rng, from: u64, to: u
     // The sum of four bytes: near to a normal distribution, and fast.
     let mut noise = || {
         let word = random.next_u32().to_le_bytes();
-        word.iter().map(|b| i32::from(*b)).sum::<i32>() / 37 - 14
+        // Mean 510, standard deviation 148.
+        (word.iter().map(|b| i32::from(*b)).sum::<i32>() - 510) / 37
     };
     let mut at = from;
     while at < to {
@@ -155,7 +170,7 @@ fn fill(directory: &mut DataDirectory, random: &mut ChaCha8Rng, from: u64, to: u
             let small = |number: i32| Arc::new(Int32Array::from(vec![number; n as usize])) as ArrayRef;
             let state = || Arc::new(UInt8Array::from(vec![1u8; n as usize])) as ArrayRef;
             let times = numbers.clone().map(|k| START.0 / 1000 + k as i64 * 1000);
-            let swing = |k: u64| 1000 * (20 - (k / 50 % 40) as i32).abs() + (k % 50) as i32 * 20;
+            let swing = |k: u64| (40_000.0 * (k as f64 * 0.0005).sin()) as i32;
             let columns: Vec<ArrayRef> = vec![
                 Arc::new(TimestampMicrosecondArray::from_iter_values(times).with_timezone("UTC")),
                 Arc::new(Int64Array::from_iter_values(numbers.clone().map(|k| (k - first) as i64))),

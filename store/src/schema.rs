@@ -170,6 +170,7 @@ fn copy(connection: &Connection, path: &Path, version: i64) -> Result<PathBuf, S
 mod tests {
     use super::*;
 
+    /// What there was first.
     const FIRST: &[&str] = &[MIGRATIONS[0]];
     const LATER: &[&str] = &[MIGRATIONS[0], "ALTER TABLE jobs ADD COLUMN part TEXT;"];
 

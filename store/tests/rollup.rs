@@ -188,12 +188,12 @@ proptest! {
             let curve = directory.envelope(Of::Machine(MACHINE), LOAD, span, pixels).expect("drawn");
             check_curve(&curve.pixels, span, &rows, |s| s.load);
             prop_assert!(curve.pixels.len() <= pixels);
-            // An edge moves by less than a quarter of a pixel.
+            // An edge moves by less than half a pixel.
             if curve.pixels.len() == pixels {
                 for (k, pixel) in curve.pixels.iter().enumerate() {
                     let edge = from as f64 + k as f64 * (to - from) as f64 / pixels as f64;
                     let moved = pixel.from.micros() as f64 - edge;
-                    prop_assert!((0.0..=0.25 * (to - from) as f64 / pixels as f64 + 2.0).contains(&moved), "{moved}");
+                    prop_assert!((0.0..=0.5 * (to - from) as f64 / pixels as f64 + 2.0).contains(&moved), "{moved}");
                 }
             }
 
@@ -678,10 +678,13 @@ fn above_four_fifths_of_the_quota_the_oldest_go() {
         quota_bytes,
     };
     assert_eq!(directory.retain(&patient(None), young).expect("retained").removed, []);
-    assert_eq!(directory.retain(&patient(Some(1 << 40)), young).expect("retained"), []);
+    assert_eq!(
+        directory.retain(&patient(Some(1 << 40)), young).expect("retained").removed,
+        []
+    );
     let taken: u64 = directory.records().expect("reads").iter().map(|r| r.bytes).sum();
     // The database and its log count as well; they alone are more than this.
-    let removed = directory.retain(&patient(Some(taken)), young).expect("retained");
+    let removed = directory.retain(&patient(Some(taken)), young).expect("retained").removed;
     assert_eq!(removed.iter().map(|r| r.record.job).collect::<Vec<_>>(), jobs);
     assert!(removed[0].why.contains("more than 80 % of its quota"), "{}", removed[0].why);
     assert_eq!(directory.verify().expect("verifies"), []);

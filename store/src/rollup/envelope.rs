@@ -16,7 +16,7 @@ use arrow_array::types::{Int32Type, TimestampMicrosecondType};
 use units::Timestamp;
 
 /// A bucket is taken whole when it is no longer than this part of a pixel.
-const SNAP: i64 = 4;
+const SNAP: i64 = 2;
 /// Pixels that nobody's screen has.
 const MOST_PIXELS: usize = 100_000;
 
