@@ -128,15 +128,15 @@ impl Recorder {
         self.child = Some(self.command(url).spawn().expect("started"));
     }
 
-    /// Waits until the text recording holds that number in its last row; a minute is too long on any machine.
-    fn until(&mut self, sequence: u64) {
+    /// Waits until the last row of the text recording is of that time; two minutes are too long on any machine.
+    fn until(&mut self, at: i64) {
         let began = Instant::now();
-        while rows_of(&self.file).last().is_none_or(|r| r.0 != sequence) {
+        while rows_of(&self.file).last().is_none_or(|r| r.1 != at) {
             let child = self.child.as_mut().expect("it runs");
             if child.try_wait().expect("a state").is_some() || began.elapsed() > Duration::from_secs(120) {
                 let _ = child.kill();
                 let output = self.child.take().expect("it ran").wait_with_output().expect("an end");
-                panic!("{sequence} never came: {:?} {}", rows_of(&self.file).last(), both(&output));
+                panic!("{at} never came: {:?} {}", rows_of(&self.file).last(), both(&output));
             }
             std::thread::sleep(Duration::from_millis(20));
         }
@@ -181,7 +181,7 @@ fn check_identical(recording: &[u8], script: Script) -> Json {
     let agent = Agent::start(recording, script);
     let mut recorder = Recorder::into("record.txt");
     recorder.start(&agent.url());
-    recorder.until(expected.last().expect("positions").0);
+    recorder.until(expected.last().expect("positions").1);
     let told = recorder.stop();
     assert_eq!(rows_of(&recorder.file), expected);
     assert_eq!(told["observations"].as_u64(), Some(expected.len() as u64));
@@ -237,7 +237,7 @@ fn what_the_agents_buffer_lost_is_a_gap_with_its_numbers_and_nothing_else_is_mis
         let agent = Agent::start(&recording, script);
         let mut recorder = Recorder::into("record.txt");
         recorder.start(&agent.url());
-        recorder.until(expected.last().expect("positions").0);
+        recorder.until(expected.last().expect("positions").1);
         let told = recorder.stop();
         let gaps = told["gaps"].as_array().expect("gaps").clone();
         assert!(!gaps.is_empty(), "{told}");
@@ -275,7 +275,7 @@ fn an_agent_that_is_started_anew_is_recorded_from_its_first_number_and_the_rest_
         let agent = Agent::start(&recording, script);
         let mut recorder = Recorder::into("record.txt");
         recorder.start(&agent.url());
-        recorder.until(expected.last().expect("positions").0 - shift);
+        recorder.until(expected.last().expect("positions").1);
         let told = recorder.stop();
         assert_eq!(told["instance_ids"].as_array().map(Vec::len), Some(2), "{told}");
         let gaps = told["gaps"].as_array().expect("gaps").clone();
@@ -323,7 +323,7 @@ fn a_killed_recorder_goes_on_where_it_was_without_doubles_and_without_loss() {
             std::io::Write::write_all(&mut half, b"12.5 3").expect("written");
         }
         recorder.start(&agent.url());
-        recorder.until(expected.last().expect("positions").0);
+        recorder.until(expected.last().expect("positions").1);
         recorder.stop();
         assert_eq!(rows_of(&recorder.file), expected);
     }
@@ -374,7 +374,7 @@ fn a_full_disk_is_said_and_recording_goes_on_when_space_returns() {
             .args(["--pid", &id, "--fsize=unlimited:unlimited"])
             .status();
         assert!(freed.expect("prlimit is there").success());
-        recorder.until(last);
+        recorder.until(expected.last().expect("positions").1);
         let told = recorder.stop();
         assert!(told["disk_refusals"].as_u64() > Some(0), "{told}");
         let gaps = told["gaps"].as_array().expect("gaps").clone();
@@ -410,7 +410,7 @@ fn what_is_recorded_is_rebuilt_like_the_agents_own_document() {
     for recording in std::iter::once(own_recording()).chain(moldy()) {
         let xml = folder.path().join("recording.xml");
         std::fs::write(&xml, &recording).expect("written");
-        let last = positions(&recording).last().expect("positions").0;
+        let last = positions(&recording).last().expect("positions").1;
         let agent = Agent::start(&recording, Script::at_speed(100_000.0));
         let mut recorder = Recorder::into("record.txt");
         recorder.start(&agent.url());
@@ -505,13 +505,14 @@ fn a_killed_recorder_of_parquet_goes_on_where_it_was() {
 fn a_sample_query_is_taken_apart_and_the_agents_numbers_are_kept() {
     let recording = own_recording();
     let agent = Agent::start(&recording, Script::at_speed(100_000.0));
+    agent.begin();
     let mut recorder = Recorder::into("record.txt");
     recorder.start(&format!(
         "{}/sample?from=300?count=10&path=//DataItem[@type=\\\"PATH_POSITION\\\"]\"",
         agent.url()
     ));
     let expected = as_written(positions(&recording));
-    recorder.until(expected.last().expect("positions").0);
+    recorder.until(expected.last().expect("positions").1);
     recorder.stop();
     let had: Vec<_> = expected.into_iter().filter(|r| r.0 >= 300).collect();
     assert_eq!(rows_of(&recorder.file), had);

@@ -117,6 +117,15 @@ impl Agent {
         self.shared.view().next
     }
 
+    /// Begins the time, and waits until everything has happened.
+    pub fn begin(&self) {
+        self.shared.began.lock().expect("no panic").get_or_insert_with(Instant::now);
+        let last = self.shared.order.len() - 1;
+        while self.shared.view().next <= self.shared.streams.observations[self.shared.order[last]].sequence {
+            sleep(Duration::from_millis(5));
+        }
+    }
+
     /// The requests that came.
     pub fn requests(&self) -> Vec<String> {
         self.shared.log.lock().expect("no panic").clone()

@@ -387,3 +387,22 @@ fn times_that_jump_are_kept_and_said() {
     let codes: Vec<&str> = line.client.diagnostics().as_slice().iter().map(|d| d.code).collect();
     assert_eq!(codes, ["time-ahead", "time-backwards"]);
 }
+
+#[test]
+fn connections_that_are_cut_before_a_document_is_whole_are_asked_for_smaller_ones() {
+    let mut line = Line::to("http://a:5000", None);
+    line.begun(7, 1, 900);
+    let counts: Vec<String> = (0..5)
+        .map(|_| {
+            let asked = line.request();
+            line.client.closed(line.now, "reset");
+            asked
+                .split("count=")
+                .nth(1)
+                .and_then(|c| c.split('&').next())
+                .expect("a count")
+                .to_owned()
+        })
+        .collect();
+    assert_eq!(counts, ["1000", "1000", "250", "62", "15"]);
+}

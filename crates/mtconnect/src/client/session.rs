@@ -403,7 +403,8 @@ impl Client {
         }
     }
 
-    /// Agents refuse a count beyond their buffer. Where a document was broken, smaller ones are asked for.
+    /// Agents refuse a count beyond their buffer. Where a document was broken, and where connections are cut before a document was
+    /// whole, smaller ones are asked for.
     fn count(&self) -> u64 {
         let most = if self.buffer_size > 0 { self.buffer_size } else { u64::MAX };
         let count = self.query.count.unwrap_or(COUNT).clamp(1, most);
