@@ -209,11 +209,10 @@ fn as_an_agent_saw_it(record: &mut Recording, thinned: &Thinned) {
     record.events.clear();
 }
 
-fn execute(
-    order: &Order<'_>,
-    rows: &mut RunRows<'_>,
-    keep: &mut dyn FnMut(Timestamp, &[Event]) -> Result<(), Failure>,
-) -> Result<Outcome, Failure> {
+/// Keeps the events so far; called with the machine's time now and then.
+type Keep<'a> = dyn FnMut(Timestamp, &[Event]) -> Result<(), Failure> + 'a;
+
+fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Result<Outcome, Failure> {
     let config = WorldConfig {
         seed: order.seed,
         start: order.start,
