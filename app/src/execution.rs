@@ -110,10 +110,18 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         let new = &events[told..];
         told = events.len();
         if new.is_empty() {
-            Ok(())
-        } else {
-            directory.append_job_events(job.id, new).map_err(shop::failure)
+            return Ok(());
         }
+        directory.append_job_events(job.id, new).map_err(shop::failure)?;
+        // What the program wrote into the control's registers is there for the next one, whatever becomes of this run.
+        for event in new.iter().filter(|e| e.kind == "register") {
+            let change = written(event);
+            let why = format!("written by {} in job {}", order.program.name, job.id);
+            directory
+                .write_registers(order.machine, change.as_slice(), (order.who, &why), event.at())
+                .map_err(shop::failure)?;
+        }
+        Ok(())
     })?;
     let Recorder {
         writer,
@@ -151,6 +159,17 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         record,
         rebuild,
         folder,
+    })
+}
+
+/// The register that an event tells of.
+fn written(event: &Event) -> Option<plan::RegisterChange> {
+    let name = event.detail.get("register")?.as_str()?;
+    let number = |key: &str| event.detail.get(key).and_then(serde_json::Value::as_f64);
+    Some(plan::RegisterChange {
+        register: plan::Register::named(name)?,
+        before: number("before"),
+        after: number("after"),
     })
 }
 

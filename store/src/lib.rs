@@ -20,6 +20,7 @@ pub mod record;
 pub mod registers;
 mod schema;
 pub mod trajectory;
+mod variables;
 mod verify;
 mod whole_file;
 

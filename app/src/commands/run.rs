@@ -22,7 +22,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let thinned = args.as_mtconnect.as_deref().map(thinning).transpose()?;
     let shifted = args.plant_shift.as_deref().map(planted_shift).transpose()?;
     let start = clock::start_time(common.start.as_deref())?;
-    let program = Program::open(
+    let mut program = Program::open(
         &args.program,
         common.dialect.as_deref(),
         named_machine(&common.machine)?.as_ref(),
@@ -32,6 +32,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let who = shop::operator(common);
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
     let tables = directory.tables(&machine).map_err(shop::failure)?;
+    program.variables = directory.variables(&machine).map_err(shop::failure)?;
 
     let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
     let all = checks(&found, travels(&machine), &tables);

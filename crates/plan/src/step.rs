@@ -149,6 +149,38 @@ pub enum Register {
 }
 
 impl Register {
+    /// The register that [`Register::name`] names so.
+    pub fn named(text: &str) -> Option<Register> {
+        let axis_of = |letter: &str| ["X", "Y", "Z"].iter().position(|l| *l == letter);
+        if let Some(number) = text.strip_prefix('#') {
+            return number.parse().ok().map(Register::Variable);
+        }
+        if let Some((number, rest)) = text.strip_prefix("tool ").and_then(|rest| rest.split_once(' ')) {
+            let tool = number.parse().ok()?;
+            return Some(match rest {
+                "radius" => Register::ToolRadius { tool },
+                "radius wear" => Register::ToolRadiusWear { tool },
+                "tip direction" => Register::TipDirection { tool },
+                _ => match rest.split_once(' ')? {
+                    ("geometry", letter) => Register::ToolGeometry {
+                        tool,
+                        axis: axis_of(letter)?,
+                    },
+                    ("wear", letter) => Register::ToolWear {
+                        tool,
+                        axis: axis_of(letter)?,
+                    },
+                    _ => return None,
+                },
+            });
+        }
+        let (name, letter) = text.rsplit_once(' ')?;
+        Some(Register::WorkOffset {
+            name: name.to_owned(),
+            axis: axis_of(letter)?,
+        })
+    }
+
     /// Its name in logs: `G54 X`, `tool 5 wear X`, `#501`.
     pub fn name(&self) -> String {
         const AXES: [&str; 3] = ["X", "Y", "Z"];
@@ -413,4 +445,28 @@ pub struct RawNcFunction {
     pub text: String,
     /// Other named data.
     pub properties: BTreeMap<String, String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_register_is_found_by_its_name_in_the_log() {
+        for register in [
+            Register::Variable(501),
+            Register::ToolGeometry { tool: 5, axis: 2 },
+            Register::ToolWear { tool: 12, axis: 0 },
+            Register::ToolRadius { tool: 1 },
+            Register::ToolRadiusWear { tool: 1 },
+            Register::TipDirection { tool: 3 },
+            Register::WorkOffset {
+                name: "G54.1 P12".to_owned(),
+                axis: 1,
+            },
+        ] {
+            assert_eq!(Register::named(&register.name()), Some(register));
+        }
+        assert_eq!(Register::named("tool five wear X"), None);
+    }
 }
