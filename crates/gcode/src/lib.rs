@@ -5,10 +5,11 @@
 //! and says why. [`inspect`](inspect::inspect) makes the tree of any program stream.
 //!
 //! What it deliberately does not do yet, and alarms about with line and column: scaling, rotation, mirror image and polar coordinates,
-//! threads with a variable lead, and angles of a contour.
+//! threads with a variable lead, angles of a contour, and interruption macros (M96).
 //!
 //! Read on: [`program`] for the stream, `interpreter` for the meaning of a block, `cycles` for blocks that stand for many moves,
-//! `compensation` for the path beside the contour, [`macro_b`] for expressions, [`profile`] for what differs between controls.
+//! `compensation` for the path beside the contour, [`macro_b`] for the values of macros, `flow` for jumps, loops and calls,
+//! [`interpret`] for a program without a machine, [`profile`] for what differs between controls.
 
 mod acting;
 mod arc;

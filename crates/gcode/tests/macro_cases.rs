@@ -3,6 +3,7 @@
 mod common;
 
 use gcode::{Setup, interpret};
+use plan::{Answer, Next, ProgramStream, Question};
 use serde_json::Value;
 
 #[test]
@@ -16,6 +17,86 @@ fn every_shared_case_behaves_as_it_says() {
 fn every_case_of_ours_behaves_as_it_says() {
     let path = format!("{}/../../corpus/macro-cases.jsonl", env!("CARGO_MANIFEST_DIR"));
     check(&String::from_utf8(common::read_or_skip(&path).expect("it belongs to the repository")).unwrap());
+}
+
+#[test]
+fn programs_of_other_authors_run_to_their_end() {
+    for path in [
+        "macro-b/macro_b.nc",
+        "macro-b/macro_boss_milling.nc",
+        "macro-b/macro_face_milling.nc",
+        "macro-b/macro_thread_milling.nc",
+        "mtconnect/nist-sms/827-9999-904-OP1.NC",
+        "mtconnect/nist-sms/827-9999-904-OP2.NC",
+    ] {
+        let Some(bytes) = common::sample(path) else { return };
+        let found = interpret(&String::from_utf8_lossy(&bytes), &Setup::default());
+        assert_eq!(found.fault, None, "{path}");
+        assert!(!found.path.is_empty() || !found.vars.is_empty(), "{path} does something");
+    }
+}
+
+#[test]
+fn the_machine_is_asked_only_where_the_program_reads_it_and_answers_in_its_own_frame() {
+    let text = "O1\nG54\n#1=5\nWHILE[#1GT0]DO1\n#1=#1-1\nEND1\nG90G0X10.Z5.\n#100=#5021\n#101=#5043\n#102=#3001\nM30";
+    let mut program = common::open_with(
+        text.as_bytes(),
+        "fanuc-mill",
+        common::mill_tables(),
+        gcode::Options::default(),
+    )
+    .unwrap();
+    let (mut asked, mut answer) = (Vec::new(), None);
+    loop {
+        match program.next(answer.take()) {
+            Next::Step(_) => {}
+            Next::Ask(Question::Number(name)) => {
+                answer = Some(Answer::Number(Some(match name.as_str() {
+                    "X.POSITION.ACTUAL" => -290.002,
+                    "Z.POSITION.ACTUAL" => -394.5,
+                    _ => 2.5,
+                })));
+                asked.push(name);
+            }
+            Next::End => break,
+            other => panic!("{other:?}"),
+        }
+    }
+    assert_eq!(asked, ["X.POSITION.ACTUAL", "Z.POSITION.ACTUAL", "EQUIPMENT_TIMER.POWERED"]);
+    assert_eq!(program.variable(100), gcode::Value::Number(-290.002));
+    assert_eq!(
+        program.variable(101),
+        gcode::Value::Number(5.5),
+        "work position: the offset of G54 is -400"
+    );
+    assert_eq!(program.variable(102), gcode::Value::Number(2500.0));
+}
+
+#[test]
+fn a_kept_variable_is_told_once_before_the_next_step() {
+    let text = "O1\n#500=1\n#500=2\n#501=7\nG90G0X1.\n#500=3\nM30";
+    let mut program = common::open_with(
+        text.as_bytes(),
+        "fanuc-mill",
+        common::mill_tables(),
+        gcode::Options::default(),
+    )
+    .unwrap();
+    let (steps, alarm) = common::run(&mut program);
+    assert_eq!(alarm, None);
+    let told: Vec<String> = steps
+        .iter()
+        .map(|s| common::spell(&s.kind))
+        .filter(|t| t.starts_with("register"))
+        .collect();
+    assert_eq!(
+        told,
+        [
+            "register #501 None -> Some(\"7\")",
+            "register #500 None -> Some(\"2\")",
+            "register #500 Some(\"2\") -> Some(\"3\")"
+        ]
+    );
 }
 
 fn check(cases: &str) {

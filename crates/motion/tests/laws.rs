@@ -513,6 +513,27 @@ fn what_cannot_be_moved_is_an_alarm_that_says_why() {
 }
 
 #[test]
+fn a_thread_goes_at_its_lead_times_the_revolutions() {
+    let thread = Move {
+        path: line([0.; 3], [0., 0., -40.]),
+        speed: Speed::Feed(Feed::Thread(plan::Thread {
+            advance: Millimetres(1.5),
+            start: Some(units::Radians(0.0)),
+        })),
+        profile: None,
+        derived: false,
+    };
+    let spinning = SpindleState::Clockwise(SpindleMode::Revolutions(Rpm(600.0)));
+    let planned = plan(
+        program(vec![StepKind::Spindle(spinning), StepKind::Move(thread)]),
+        [0.; 3],
+        reference(0.01),
+    );
+    let middle = planned.points[planned.points.len() / 2].path_speed;
+    assert!((middle - 15.0).abs() < 0.01, "1.5 mm at 10 rev/s, found {middle}");
+}
+
+#[test]
 fn with_constant_surface_speed_the_spindle_follows_the_radius() {
     let surface = SpindleMode::Surface {
         speed: MmPerSec(2000.0),
