@@ -28,24 +28,24 @@ impl GcodeProgram {
             }
             Err(alarm) => {
                 self.interpreter.restore(before);
-                self.alarm = Some(alarm);
+                self.alarm = Some(*alarm);
                 Ok(())
             }
         }
     }
 
     /// Executes the blocks into `contour`; gives where the line behind the last one begins.
-    fn contour_blocks(&mut self, request: &ContourRequest, contour: &mut Contour) -> Result<Place, Alarm> {
+    fn contour_blocks(&mut self, request: &ContourRequest, contour: &mut Contour) -> Result<Place, Box<Alarm>> {
         let name = self.files[self.current].name.clone();
         let cycle_line = self.here.number;
         let at_cycle = |fault: Box<Fault>| {
-            fault.into_alarm(
+            Box::new(fault.into_alarm(
                 &name,
                 Site {
                     text: b"",
                     number: cycle_line,
                 },
-            )
+            ))
         };
         let first = self
             .targets
@@ -60,7 +60,7 @@ impl GcodeProgram {
             let raw = match file.lines.next() {
                 Ok(Some(raw)) => raw,
                 Ok(None) => return Err(at_cycle(not_found(request.at, request.last, request.cycle))),
-                Err(error) => return Err(super::line_error(error).in_file(name).into()),
+                Err(error) => return Err(Box::new(super::line_error(error).in_file(name).into())),
             };
             let site = Site {
                 text: file.lines.bytes(raw),
@@ -91,7 +91,7 @@ impl GcodeProgram {
                 )),
             };
             if let Err(fault) = result {
-                return Err(fault.into_alarm(&name, site));
+                return Err(Box::new(fault.into_alarm(&name, site)));
             }
         }
     }
