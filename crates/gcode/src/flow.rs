@@ -259,10 +259,7 @@ impl GcodeProgram {
         let found = self
             .targets
             .loop_end(&mut self.files, self.current, around, (label, at), &self.reading);
-        let end = match found {
-            Ok(end) => end,
-            Err(fault) => return Err(fault),
-        };
+        let end = found?;
         if !enters {
             self.go_to(end.after);
             return Ok(());
@@ -378,7 +375,7 @@ impl GcodeProgram {
     /// M99, M99 P.
     fn come_back(&mut self, to: Option<u32>, at: usize, site: Site<'_>) -> Outcome<()> {
         let Some(mut frame) = self.frames.pop() else {
-            return self.from_the_start(to, at, site);
+            return self.begin_anew(to, at, site);
         };
         self.loops.truncate(frame.loops);
         if let Some(modal) = frame.modal {
@@ -442,7 +439,7 @@ impl GcodeProgram {
     }
 
     /// M99 in the main program: from its start again, or from a block.
-    fn from_the_start(&mut self, to: Option<u32>, at: usize, site: Site<'_>) -> Outcome<()> {
+    fn begin_anew(&mut self, to: Option<u32>, at: usize, site: Site<'_>) -> Outcome<()> {
         let changes = self.interpreter.memory.changes;
         if to.is_none() && changes == self.repetition.pass {
             self.interpreter.note(Severity::Warning, "endless-program", site, at, || {

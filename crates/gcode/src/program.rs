@@ -381,6 +381,11 @@ impl GcodeProgram {
                 text: &kept.text,
                 number: self.here.number,
             };
+            if kept.line.kind == Kind::Blank {
+                self.block.comment = kept.line.comment;
+                self.interpreter.comment_line(&self.block, site);
+                return self.follow(Ok(Act::Flow(Flow::NextBlock)), site);
+            }
             if self.meets_the_end(&kept.line) {
                 return;
             }
@@ -432,7 +437,7 @@ impl GcodeProgram {
             Kind::Blank => {
                 self.block.comment = self.line.comment;
                 self.interpreter.comment_line(&self.block, site);
-                return;
+                return self.keep_line(raw);
             }
             Kind::TapeMark if self.at_start => return,
             Kind::TapeMark => return self.end_of_text(Some(self.here.number)),
@@ -449,21 +454,14 @@ impl GcodeProgram {
         self.interpreter.close_comments();
         let result = act(&mut self.interpreter, &mut self.block, &self.line, site, &mut self.stack);
         let waits = matches!(&result, Err(fault) if fault.ask.is_some());
-        if self.here.place.offset < self.keep_until && !waits {
-            let (place, after) = (self.here.place, self.here.after);
-            let (line, text) = (&self.line, site.text);
-            let keep = || Kept {
-                text: text.into(),
-                line: line.clone(),
-                place,
-                after,
-                next: Cell::new(None),
-                jump: Cell::new(None),
-            };
-            if !self.kept.keep(self.current, keep, place.offset) {
-                self.keep_until = 0;
-            }
+        if !waits {
+            self.keep_line(raw);
         }
+        let file = &self.files[self.current];
+        let site = Site {
+            text: file.lines.bytes(raw),
+            number: raw.number,
+        };
         match result {
             Ok(Act::Flow(Flow::NextBlock)) => self.interpreter.forget_answers(),
             Err(fault) => match fault.ask {
@@ -482,6 +480,26 @@ impl GcodeProgram {
                 };
                 self.follow(Ok(act), site);
             }
+        }
+    }
+
+    /// Keeps the line being executed when it is gone through again.
+    fn keep_line(&mut self, raw: Raw) {
+        if self.here.place.offset >= self.keep_until {
+            return;
+        }
+        let (place, after) = (self.here.place, self.here.after);
+        let (line, text) = (&self.line, self.files[self.current].lines.bytes(raw));
+        let keep = || Kept {
+            text: text.into(),
+            line: line.clone(),
+            place,
+            after,
+            next: Cell::new(None),
+            jump: Cell::new(None),
+        };
+        if !self.kept.keep(self.current, keep, place.offset) {
+            self.keep_until = 0;
         }
     }
 

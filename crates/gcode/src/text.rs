@@ -71,6 +71,11 @@ impl Lines {
 
     /// Goes to the line that starts at `offset`; the line read next gets the number after `lines_before`.
     pub(crate) fn seek(&mut self, offset: u64, lines_before: u32) {
+        // What is in the window is not read again.
+        if (self.offset..=self.offset + self.window.len() as u64).contains(&offset) && !self.window.is_empty() {
+            (self.next, self.number) = ((offset - self.offset) as usize, lines_before);
+            return;
+        }
         self.window.clear();
         (self.next, self.offset, self.number) = (0, offset, lines_before);
         (self.at_end, self.has_zero_byte) = (false, false);
