@@ -24,7 +24,7 @@ pub const FIRST_CONTACT: Duration = Duration::from_secs(10);
 /// Longest document: an agent of 131072 slots gives some 30 MB at most.
 pub const LONGEST_DOCUMENT: usize = 64 << 20;
 /// Longest pause between two tries to connect.
-pub const LONGEST_PAUSE: Duration = Duration::from_secs(10);
+pub const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 
 const COUNT: u64 = 5000;
 const INTERVAL: Duration = Duration::from_millis(100);
