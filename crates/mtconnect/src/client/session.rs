@@ -409,11 +409,8 @@ impl Client {
         let most = if self.buffer_size > 0 { self.buffer_size } else { u64::MAX };
         let count = self.query.count.unwrap_or(COUNT).clamp(1, most);
         let broken_here = self.position.is_some_and(|p| p.next == self.broken.0);
-        if broken_here {
-            (count >> (4 * self.broken.1).min(63)).max(1)
-        } else {
-            count
-        }
+        let broken = if broken_here { self.broken.1 } else { 0 };
+        (count >> (4 * broken + 2 * self.failures.saturating_sub(1)).min(63)).max(1)
     }
 
     /// 0.1 s after the first failure in a row, then twice as long each time.
