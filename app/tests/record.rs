@@ -432,11 +432,11 @@ fn record_all_into_parquet(recorder: &mut Recorder, agent: &Agent, last: u64) ->
         let paths = std::fs::read_dir(&folder).into_iter().flatten().flatten().map(|e| e.path());
         let mut paths: Vec<PathBuf> = paths.filter(|p| p.extension().is_some_and(|e| e == "segment")).collect();
         paths.sort();
-        let rows = paths.iter().filter_map(|p| store::segment::read(p).ok()).filter_map(|found| {
+        let mut rows = paths.iter().filter_map(|p| store::segment::read(p).ok()).filter_map(|found| {
             let batch = found.batches().ok()?.flatten().last()?;
             store::observations::rows(&batch).ok()?.pop().map(|row| row.sequence)
         });
-        rows.last()
+        rows.next_back()
     };
     while last_kept() != Some(last) {
         assert!(

@@ -20,6 +20,9 @@ use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use units::Timestamp;
 
+/// An agent that told so many observations and no position has none.
+const PASSED_OVER: usize = 1000;
+
 /// A text recording in the making.
 pub struct TextSink {
     path: PathBuf,
@@ -48,6 +51,8 @@ struct State {
     /// Lines that wait for the first one.
     before_head: String,
     item: String,
+    /// Observations that came before it was known which item positions are taken from.
+    passed_over: usize,
     tally: Tally,
 }
 
@@ -135,8 +140,12 @@ impl Sink for TextSink {
     fn observations(&mut self, told: &[Told], items: &Items) -> Result<(), Refused> {
         let mut next = self.state.clone();
         let mut lines = String::new();
-        let chosen = next.places.choose(items, &mut self.diagnostics);
-        next.item = chosen.map_err(|why| Refused::Never(Failure::unreadable(why)))?;
+        match next.places.choose(items, &mut self.diagnostics) {
+            Ok(item) => next.item = item,
+            // By the standard the first answer names every data item. Where it does not, a position may still come.
+            Err(why) if next.passed_over > PASSED_OVER => return Err(Refused::Never(Failure::unreadable(why))),
+            Err(_) => next.passed_over += told.len(),
+        }
         for t in told {
             if t.instance != next.told_instance {
                 // Places of the agent before are complete: no more axes come for them.

@@ -90,6 +90,8 @@ impl LivePlaces {
         }
         let name = best.to_string();
         self.chosen = Some(best);
+        // What was looked at before was nothing to nobody.
+        self.roles.clear();
         Ok(name)
     }
 

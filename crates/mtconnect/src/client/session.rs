@@ -24,7 +24,7 @@ pub const FIRST_CONTACT: Duration = Duration::from_secs(10);
 /// Longest document: an agent of 131072 slots gives some 30 MB at most.
 pub const LONGEST_DOCUMENT: usize = 64 << 20;
 /// Longest pause between two tries to connect.
-pub const LONGEST_PAUSE: Duration = Duration::from_secs(10);
+pub const LONGEST_PAUSE: Duration = Duration::from_secs(2);
 
 const COUNT: u64 = 5000;
 const INTERVAL: Duration = Duration::from_millis(100);
@@ -409,11 +409,8 @@ impl Client {
         let most = if self.buffer_size > 0 { self.buffer_size } else { u64::MAX };
         let count = self.query.count.unwrap_or(COUNT).clamp(1, most);
         let broken_here = self.position.is_some_and(|p| p.next == self.broken.0);
-        if broken_here {
-            (count >> (4 * self.broken.1).min(63)).max(1)
-        } else {
-            count
-        }
+        let broken = if broken_here { self.broken.1 } else { 0 };
+        (count >> (4 * broken + 2 * self.failures.saturating_sub(1)).min(63)).max(1)
     }
 
     /// 0.1 s after the first failure in a row, then twice as long each time.
