@@ -1,4 +1,5 @@
-//! How much faster than real time the simulated world runs on one thread, with and without its record on disk.
+//! How much faster than real time the simulated world runs on one thread, with and without its record on disk: rows acknowledged in
+//! segments by a thread of their own, merged into one Parquet file at the end.
 //!
 //! `cargo bench -p toolmark --bench loop_budget`: plans, executes and records `corpus/bracket.stpnc` with all channels at 1 kHz into a
 //! temporary folder, five times each, and prints medians. Below [`BUDGET`] with the record attached the exit code is 1.
@@ -13,8 +14,9 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
 use stepnc::{Program, StepNcStream, StreamOptions};
-use store::record::{Header, Writer};
-use store::{MachineFile, MachineKind, StoreError};
+use store::record::{Header, SampleRows};
+use store::segment::{self, Pace, Recorder, Settings};
+use store::{MachineFile, MachineKind};
 use units::{Millimetres, Timestamp};
 
 /// Seconds of machine time that a second on the wall has to be worth, with the record attached.
@@ -88,18 +90,19 @@ fn run(program: &Arc<Program>, record: Option<&Path>) -> Result<(f64, f64), Box<
                 start: Timestamp(0),
                 seed: 1,
             };
-            let mut recorder = Recorder {
-                writer: Writer::create(path, &header)?,
-                events: vec![],
-                failed: None,
-            };
-            let outcome = world.run(&mut recorder);
-            if let Some(failed) = recorder.failed {
-                return Err(failed.into());
-            }
-            let finished = recorder.writer.finish(&recorder.events)?;
-            assert_eq!(finished.rows, outcome.samples);
-            assert!(finished.hash != Hash::default());
+            let folder = path.with_extension("recording");
+            let rows = SampleRows::new(header.start, path);
+            let mut rows = Rows(
+                Recorder::begin(&folder, rows, header.metadata(), &Settings::new(Pace::Simulated))?,
+                vec![],
+            );
+            let outcome = world.run(&mut rows);
+            let Rows(recorder, events) = rows;
+            let ended = recorder.end()?;
+            let merged = segment::merge(&folder, path, &events, &[])?;
+            segment::discard(&folder)?;
+            assert_eq!((merged.finished.rows, ended.health.missed), (outcome.samples, 0));
+            assert!(merged.finished.hash != Hash::default());
             outcome
         }
     };
@@ -108,20 +111,15 @@ fn run(program: &Arc<Program>, record: Option<&Path>) -> Result<(f64, f64), Box<
     Ok((outcome.time.0, wall))
 }
 
-/// What a run of the program `toolmark` does with its samples.
-struct Recorder {
-    writer: Writer,
-    events: Vec<Event>,
-    failed: Option<StoreError>,
-}
+/// What a run of the program `toolmark` does with its samples and events.
+struct Rows(Recorder<SampleRows>, Vec<Event>);
 
-impl RecordSink for Recorder {
+impl RecordSink for Rows {
     fn sample(&mut self, sample: &Sample) {
-        if let Err(error) = self.writer.write(sample) {
-            self.failed.get_or_insert(error);
-        }
+        // A missed row would be missing in the count at the end.
+        let _ = self.0.offer(sample);
     }
     fn event(&mut self, event: &Event) {
-        self.events.push(event.clone());
+        self.1.push(event.clone());
     }
 }

@@ -75,8 +75,14 @@ pub enum Command {
     Check(ProgramArgs),
     /// The tree of a STEP-NC or G-code file; --json gives it whole.
     Inspect(InspectArgs),
+    /// Work with macro programs.
+    #[command(subcommand)]
+    Macro(MacroCommand),
     /// Plan a program's motion and write the set-points, 1 ms apart.
     Plan(PlanArgs),
+    /// Record what an MTConnect agent tells: its buffer first, then live, through cuts and restarts of the agent. Ctrl-C ends it. What
+    /// could not be had is a gap with its sequence numbers.
+    Record(RecordArgs),
     /// Rebuild what happened from a record: cut it into the plan's workingsteps and write an as-executed STEP-NC file.
     #[command(
         override_usage = "toolmark rebuild <PLAN> <RECORD> --out <F.stpnc>\n       toolmark rebuild --no-plan <RECORD> --out <F.stpnc>"
@@ -84,9 +90,121 @@ pub enum Command {
     Rebuild(RebuildArgs),
     /// Hold an as-executed STEP-NC file against its plan; one file may hold both.
     Compare(CompareArgs),
+    /// Look into what was recorded: list jobs, show one, export its samples and events, verify that nothing was changed.
+    Trace(TraceArgs),
+    /// Copy the whole data directory, or bring a copy up to date: records, programs, reports, events, with a manifest of hashes.
+    #[command(after_help = BACKUP_HELP)]
+    Backup(BackupArgs),
+    /// Bring a backup back into an empty data directory, checked before and after.
+    #[command(after_help = RESTORE_HELP)]
+    Restore(RestoreArgs),
+    /// Keep a job's records whatever their age, or release them again; who and why is recorded.
+    #[command(override_usage = "toolmark hold <JOB> --reason <TEXT>\n       toolmark hold <JOB> --release --reason <TEXT>")]
+    Hold(HoldArgs),
     /// A measured size becomes one offset change: jobs of sizes, entries, history, undo, macro programs for a control.
     #[command(subcommand)]
     Size(SizeCommand),
+}
+
+/// `toolmark hold`
+#[derive(Debug, Args)]
+pub struct HoldArgs {
+    /// The number of the job.
+    pub job: i64,
+    /// Release it.
+    #[arg(long)]
+    pub release: bool,
+}
+
+const BACKUP_HELP: &str = "\
+The copy is whole when backup.json is in it, which is written last; killed before, it says so and the same command makes it whole.
+Run again, only new and changed files are written. A file that was damaged since keeps its good copy, and that is exit 1.
+  toolmark backup /media/disk/mill-3            then look into it: toolmark trace list /media/disk/mill-3";
+
+const RESTORE_HELP: &str = "\
+Every file of the backup is checked against its manifest first; when one is missing or changed, nothing is written and it is named.
+  toolmark restore /media/disk/mill-3 --data DIR      DIR is empty or not there; nothing is ever written over";
+
+/// `toolmark backup`
+#[derive(Debug, Args)]
+pub struct BackupArgs {
+    /// An empty or new folder, or the backup to bring up to date; best on another disk.
+    pub dest: PathBuf,
+}
+
+/// `toolmark restore`
+#[derive(Debug, Args)]
+pub struct RestoreArgs {
+    /// The folder that `toolmark backup` wrote.
+    pub source: PathBuf,
+}
+
+/// `toolmark trace`
+#[derive(Debug, Args)]
+pub struct TraceArgs {
+    /// What to do with what was recorded.
+    #[command(subcommand)]
+    pub what: TraceCommand,
+}
+
+const WHERE: &str = "\
+DIR is a data directory or a backup of one [default: --data, $TOOLMARK_DATA ...]. Nothing in it is changed.";
+
+const EXPORT_HELP: &str = "\
+By its ending F is
+  .csv      one line a sample, the unit in the header, numbers that read back to the same double; events in F.events.csv
+  .jsonl    one object a line: the record's head, then samples and events in the order of their time
+  .parquet  without a choice of time or channels the record itself, byte for byte; else a record of the part, with its origin's hash
+  .mf4      ASAM MDF 4 for measurement programs; events in F.events.csv
+DIR is a data directory or a backup of one [default: --data, $TOOLMARK_DATA ...]. Nothing in it is changed.
+  toolmark trace export last --out load.csv --channels 'X.LOAD,Z.*' --from 12.5 --to 20";
+
+/// What to do with what was recorded.
+#[derive(Debug, Subcommand)]
+pub enum TraceCommand {
+    /// Jobs and their recordings: program, machine, start, duration, rows, how they ended, verdict, gaps.
+    #[command(after_help = WHERE)]
+    List {
+        /// Data directory or backup.
+        dir: Option<PathBuf>,
+    },
+    /// One job: its recordings, events, gaps, and statistics of each channel, whole and by workingstep.
+    #[command(after_help = WHERE)]
+    Show {
+        /// The number of the job, or `last`.
+        job: String,
+        /// Data directory or backup.
+        dir: Option<PathBuf>,
+        /// Also every event; without it the last twenty.
+        #[arg(long)]
+        events: bool,
+    },
+    /// Write a job's samples and events to a file: CSV, JSON lines, Parquet or MDF 4.
+    #[command(after_help = EXPORT_HELP)]
+    Export {
+        /// The number of the job, or `last`.
+        job: String,
+        /// Data directory or backup.
+        dir: Option<PathBuf>,
+        /// Where to: .csv, .jsonl, .parquet or .mf4.
+        #[arg(long, value_name = "F")]
+        out: PathBuf,
+        /// From this time on: seconds since the job's start, or RFC 3339.
+        #[arg(long, value_name = "TIME", allow_negative_numbers = true)]
+        from: Option<String>,
+        /// Before this time.
+        #[arg(long, value_name = "TIME", allow_negative_numbers = true)]
+        to: Option<String>,
+        /// Only these channels, by name or beginning: X.LOAD,Z.*
+        #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+        channels: Vec<String>,
+    },
+    /// Check every row and every file against the log: nothing was changed, or what was, by name. Exit 1 when something was.
+    #[command(after_help = WHERE)]
+    Verify {
+        /// Data directory or backup.
+        dir: Option<PathBuf>,
+    },
 }
 
 /// `toolmark demo`
@@ -95,6 +213,26 @@ pub struct DemoArgs {
     /// Keep the files here instead of in a fresh temporary folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+}
+
+/// `toolmark macro`
+#[derive(Debug, Subcommand)]
+pub enum MacroCommand {
+    /// Interpret a G-code program without a machine: alarm, variables, path, printed lines, names, stops, tool.
+    Run(MacroRunArgs),
+}
+
+/// `toolmark macro run`
+#[derive(Debug, Args)]
+pub struct MacroRunArgs {
+    /// G-code.
+    pub program: PathBuf,
+    /// What it is started with, as JSON: {"machine":"lathe","units":"inch","params":{"6001.5":1},"vars":{"2005":0.001}}.
+    #[arg(long, value_name = "S.json")]
+    pub setup: Option<PathBuf>,
+    /// Blocks in a row without a move after which the program counts as endless [default: 100000000].
+    #[arg(long, value_name = "N")]
+    pub most_blocks: Option<u64>,
 }
 
 /// A program.
@@ -163,6 +301,35 @@ pub struct RunArgs {
     /// Wrong set-up, for practice: the n-th workingstep runs with its work offset shifted by X,Y,Z mm; simulated machines only.
     #[arg(long, value_name = "N:X,Y,Z")]
     pub plant_shift: Option<String>,
+}
+
+/// `toolmark record`
+#[derive(Debug, Args)]
+pub struct RecordArgs {
+    /// The agent: http://HOST:PORT, with /DEVICE behind it for one device; a whole sample query works too.
+    pub url: String,
+    /// Where to, by ending: .txt one position a line, .parquet every observation. A .txt that is there already is continued, and so is
+    /// a .parquet whose recorder was killed.
+    #[arg(long, value_name = "F")]
+    pub out: PathBuf,
+    /// Which data items, as the agent understands it: //DataItem[@type="PATH_POSITION"] [default: all].
+    #[arg(long, value_name = "XPATH")]
+    pub path: Option<String>,
+    /// Least time between two answers of the agent, ms [default: 100].
+    #[arg(long, value_name = "MS")]
+    pub interval: Option<u64>,
+    /// Most observations in one answer [default: 5000].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+    /// First sequence number [default: the oldest in the agent's buffer].
+    #[arg(long, value_name = "SEQ")]
+    pub from: Option<u64>,
+    /// End after so many seconds [default: Ctrl-C ends it].
+    #[arg(long, value_name = "S")]
+    pub duration: Option<f64>,
+    /// Longest silence of the agent, ms; two of them and the connection counts as cut [default: 10000].
+    #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..))]
+    pub heartbeat: Option<u64>,
 }
 
 /// `toolmark rebuild`

@@ -38,6 +38,18 @@ pub fn utc(at: Timestamp) -> String {
     instant(at).to_string()
 }
 
+/// Local time, for people: `2026-11-21 09:30:00`.
+pub fn local(at: Timestamp) -> String {
+    let zoned = instant(at).to_zoned(jiff_std::tz::TimeZone::system());
+    zoned.strftime("%Y-%m-%d %H:%M:%S").to_string()
+}
+
+/// Reads an RFC 3339 time; `None` for anything else.
+pub fn parse(text: &str) -> Option<Timestamp> {
+    let at: jiff_std::Timestamp = text.parse().ok()?;
+    i64::try_from(at.as_nanosecond()).ok().map(Timestamp)
+}
+
 fn instant(at: Timestamp) -> jiff_std::Timestamp {
     jiff_std::Timestamp::from_nanosecond(i128::from(at.0)).expect("every 64-bit count of nanoseconds is a time jiff can hold")
 }

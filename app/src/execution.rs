@@ -19,8 +19,9 @@ use plan::{Tables, executed::AsExecuted};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use stepnc::twin::TwinOptions;
-use store::record::{Finished, Header, Writer};
-use store::{DataDirectory, Ending, Job, MachineFile, NewJob, StoreError};
+use store::record::{Finished, Header, SampleRows};
+use store::segment::{Gap, Notice, Offered, Pace, Recorder, Settings, Watch};
+use store::{DataDirectory, Ending, Job, MachineFile, NewJob};
 use units::{Millimetres, Seconds, StepId, Timestamp};
 
 /// What is to be run.
@@ -55,6 +56,8 @@ pub struct Run {
     pub outcome: Outcome,
     /// Its record.
     pub record: Finished,
+    /// Rows that are not in it, and why.
+    pub gaps: Vec<Gap>,
     /// Plan against run.
     pub rebuild: Rebuild,
     /// Where its files are.
@@ -75,6 +78,12 @@ pub fn run(order: &Order<'_>, directory: &mut DataDirectory, part: Option<&mut P
         folder: order.out,
         who: order.who,
     };
+    let program = order.program;
+    let mut bytes =
+        std::fs::File::open(&program.path).map_err(|e| Failure::unreadable(format_args!("{}: {e}", program.path.display())))?;
+    directory
+        .keep_program(&program.name, &mut bytes, program.hash, order.start)
+        .map_err(shop::failure)?;
     let job = directory.begin_job(&new).map_err(shop::failure)?;
     let done = run_job(order, directory, &job, part);
     if done.is_err() {
@@ -95,9 +104,19 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         start: order.start,
         seed: order.seed,
     };
-    let mut recorder = Recorder {
-        writer: Some(Writer::create(&record_path, &header).map_err(shop::failure)?),
-        failed: None,
+    // The recording is made in the data directory, whatever becomes of the folder that was asked for: what is acknowledged there is
+    // recovered by the next start. With `--fast` the time is simulated, and may wait for the disk.
+    let pace = if order.fast { Pace::Simulated } else { Pace::Real };
+    let recording = Recorder::begin(
+        &directory.recording_folder(job.id),
+        SampleRows::new(order.start, &record_path),
+        header.metadata(),
+        &Settings::new(pace),
+    );
+    let recording = recording.map_err(shop::failure)?;
+    let watch = recording.watch();
+    let mut rows = RunRows {
+        recording,
         events: vec![],
         thinned: order
             .thinned
@@ -105,52 +124,75 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         part,
     };
     let mut told = 0;
-    let outcome = execute(order, &mut recorder, &mut |events| {
+    let outcome = execute(order, &mut rows, &mut |now, events| {
+        tell_notices(directory, &watch, now)?;
         // What happened is on disk while the job runs: after a power loss the next start can say where it was interrupted.
         let new = &events[told..];
         told = events.len();
         if new.is_empty() {
-            Ok(())
-        } else {
-            directory.append_job_events(job.id, new).map_err(shop::failure)
+            return Ok(());
         }
+        directory.append_job_events(job.id, new).map_err(shop::failure)?;
+        // What the program wrote into the control's registers is there for the next one, whatever becomes of this run.
+        for event in new.iter().filter(|e| e.kind == "register") {
+            let change = written(event);
+            let why = format!("written by {} in job {}", order.program.name, job.id);
+            directory
+                .write_registers(order.machine, change.as_slice(), (order.who, &why), event.at())
+                .map_err(shop::failure)?;
+        }
+        Ok(())
     })?;
-    let Recorder {
-        writer,
-        failed,
+    let RunRows {
+        recording,
         events,
         thinned,
         ..
-    } = recorder;
-    if let Some(error) = failed {
-        return Err(shop::failure(error));
-    }
-    let writer = writer.expect("a recorder that has not failed has its writer");
-    let record = writer.finish(&events).map_err(shop::failure)?;
-    directory
-        .catalogue(job.id, &record, order.start.at(outcome.ticks))
+    } = rows;
+    let end = order.start.at(outcome.ticks);
+    let ended = recording.end();
+    tell_notices(directory, &watch, end)?;
+    ended.map_err(shop::failure)?;
+    let kept = directory
+        .keep_recording(job.id, &record_path, &events, end)
         .map_err(shop::failure)?;
+    for (path, what) in &kept.lost {
+        eprintln!("warning: {} of the recording is damaged: {what}", path.display());
+    }
+    let (record, gaps) = (kept.finished, kept.gaps);
 
     let mut record_read = recording::of_record(&record_path)?;
     if let Some(thinned) = thinned {
         as_an_agent_saw_it(&mut record_read, &thinned);
     }
     let rebuild = rebuild(order, &record_read, &outcome)?;
-    write_down(order, &folder, &outcome, &record, &rebuild)?;
+    write_down(order, &folder, &outcome, (&record, &gaps), &rebuild)?;
+    let written = ["as-executed.stpnc", "report.json", "report.html"].map(|name| folder.join(name));
+    directory.keep_files(job.id, &written, end).map_err(shop::failure)?;
 
     let ending = if outcome.ended == Ended::Completed {
         Ending::Done
     } else {
         Ending::Failed
     };
-    directory
-        .end_job(job.id, order.start.at(outcome.ticks), ending)
-        .map_err(shop::failure)?;
+    directory.end_job(job.id, end, ending).map_err(shop::failure)?;
     Ok(Run {
         outcome,
         record,
+        gaps,
         rebuild,
         folder,
+    })
+}
+
+/// The register that an event tells of.
+fn written(event: &Event) -> Option<plan::RegisterChange> {
+    let name = event.detail.get("register")?.as_str()?;
+    let number = |key: &str| event.detail.get(key).and_then(serde_json::Value::as_f64);
+    Some(plan::RegisterChange {
+        register: plan::Register::named(name)?,
+        before: number("before"),
+        after: number("after"),
     })
 }
 
@@ -169,8 +211,8 @@ fn as_an_agent_saw_it(record: &mut Recording, thinned: &Thinned) {
 
 fn execute(
     order: &Order<'_>,
-    recorder: &mut Recorder<'_>,
-    keep: &mut dyn FnMut(&[Event]) -> Result<(), Failure>,
+    rows: &mut RunRows<'_>,
+    keep: &mut dyn FnMut(Timestamp, &[Event]) -> Result<(), Failure>,
 ) -> Result<Outcome, Failure> {
     let config = WorldConfig {
         seed: order.seed,
@@ -194,16 +236,12 @@ fn execute(
     let mut progress = Progress::new("running");
     let began = Instant::now();
     loop {
-        let outcome = world.advance(100, recorder);
+        let outcome = world.advance(100, rows);
         if outcome.is_some() || world.now().0 % 1000 == 0 {
-            keep(&recorder.events)?;
+            keep(order.start.at(world.now()), &rows.events)?;
         }
         if let Some(outcome) = outcome {
             return Ok(outcome);
-        }
-        if recorder.failed.is_some() {
-            // The disk refuses: the machine is stopped on its path, and the run ends with what was recorded.
-            world.request(machine::Request::Stop);
         }
         let simulated = world.now().seconds();
         progress.at(|| format!("{} of machine time", minutes(simulated.0)));
@@ -214,22 +252,34 @@ fn execute(
     }
 }
 
-/// Takes samples to the record file and keeps the events; a failure is kept until somebody asks.
-struct Recorder<'p> {
-    writer: Option<Writer>,
-    failed: Option<StoreError>,
+/// Says what happened to the recording, to the person and to the log. A full disk does not stop the machine: the part is worth more than
+/// its record, and the record tells of the gap.
+fn tell_notices(directory: &mut DataDirectory, watch: &Watch, now: Timestamp) -> Result<(), Failure> {
+    for notice in watch.take_notices() {
+        eprintln!("notice: {notice}");
+        // A full disk may refuse the log as well; the person was told, and the record tells of its gaps itself.
+        if let Err(error) = directory.append(now, notice.kind(), notice.detail())
+            && !matches!(notice, Notice::Stopped(_))
+        {
+            return Err(shop::failure(error));
+        }
+    }
+    Ok(())
+}
+
+/// Takes samples to the recording and keeps the events.
+struct RunRows<'p> {
+    recording: Recorder<SampleRows>,
     events: Vec<Event>,
     thinned: Option<Thinned>,
     part: Option<&'p mut Part>,
 }
 
-impl RecordSink for Recorder<'_> {
+impl RecordSink for RunRows<'_> {
     fn sample(&mut self, sample: &Sample) {
-        if let Some(writer) = &mut self.writer
-            && let Err(error) = writer.write(sample)
-        {
-            self.failed = Some(error);
-            self.writer = None;
+        match self.recording.offer(sample) {
+            // A missed row is counted in a gap that the record, the log and the report tell of.
+            Offered::Taken | Offered::Missed => {}
         }
         if let Some(thinned) = &mut self.thinned {
             thinned.sample(sample);
@@ -275,7 +325,13 @@ fn rebuild(order: &Order<'_>, record: &Recording, outcome: &Outcome) -> Result<R
     Ok(rebuild)
 }
 
-fn write_down(order: &Order<'_>, folder: &Path, outcome: &Outcome, record: &Finished, rebuild: &Rebuild) -> Result<(), Failure> {
+fn write_down(
+    order: &Order<'_>,
+    folder: &Path,
+    outcome: &Outcome,
+    (record, gaps): (&Finished, &[Gap]),
+    rebuild: &Rebuild,
+) -> Result<(), Failure> {
     let options = TwinOptions {
         machine: Some((order.machine.name.clone(), "simulated".to_owned())),
         operator: Some(order.who.to_owned()),
@@ -290,7 +346,7 @@ fn write_down(order: &Order<'_>, folder: &Path, outcome: &Outcome, record: &Fini
         provenance: vec![
             ("program SHA-256".into(), order.program.hash.to_string()),
             ("record SHA-256".into(), record.hash.to_string()),
-            ("record".into(), format!("record.parquet, {} rows", record.rows)),
+            ("record".into(), record_line(record, gaps)),
             ("end of the event chain".into(), outcome.chain.hash.to_string()),
             ("seed".into(), order.seed.to_string()),
             ("start".into(), clock::utc(order.start)),
@@ -299,6 +355,16 @@ fn write_down(order: &Order<'_>, folder: &Path, outcome: &Outcome, record: &Fini
         report: &rebuild.report,
     };
     report::write(&page, folder)
+}
+
+/// The record in a line, with every gap.
+fn record_line(record: &Finished, gaps: &[Gap]) -> String {
+    let mut line = format!("record.parquet, {} rows", record.rows);
+    for gap in gaps {
+        line.push_str("; ");
+        line.push_str(&gap.to_string());
+    }
+    line
 }
 
 /// The as-executed STEP-NC of a run: added to its plan, or a file of its own when the program is not STEP-NC.

@@ -8,8 +8,10 @@ mod commands;
 mod execution;
 mod failure;
 mod files;
+mod net;
 mod program;
 mod progress;
+mod recorder;
 mod recording;
 mod report;
 mod shop;
@@ -56,9 +58,15 @@ fn run(cli: &Cli) -> u8 {
         Command::Run(args) => commands::run::run(args, common),
         Command::Check(args) => commands::check::check(args, common),
         Command::Inspect(args) => commands::inspect::inspect(args, common),
+        Command::Macro(cli::MacroCommand::Run(args)) => commands::macro_run::macro_run(args, common),
         Command::Plan(args) => commands::plan::plan(args, common),
+        Command::Record(args) => commands::record::record(args, common),
         Command::Rebuild(args) => commands::rebuild::rebuild(args, common),
         Command::Compare(args) => commands::compare::compare(args, common),
+        Command::Trace(args) => commands::trace::trace(args, common),
+        Command::Backup(args) => commands::backup::backup(args, common),
+        Command::Restore(args) => commands::backup::restore(args, common),
+        Command::Hold(args) => commands::hold::hold(args, common),
         Command::Size(command) => commands::size::size(command, common),
     };
     match done {
@@ -82,7 +90,11 @@ fn wants_json() -> bool {
 
 /// The JSON answer of a command that did not end well.
 fn print_failure(exit: u8, message: &str) {
-    say(&serde_json::json!({ "error": { "exit": exit, "message": message } }).to_string());
+    let mut answer = serde_json::json!({ "error": { "exit": exit, "message": message } });
+    if let Some(notices) = shop::notices() {
+        answer["notices"] = notices.into();
+    }
+    say(&answer.to_string());
 }
 
 /// A line for the person, or for the program that reads ours. A reader that went away ends us quietly, as it ends any filter.

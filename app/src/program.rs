@@ -5,6 +5,7 @@ use crate::files::{FileSource, FolderResolver};
 use gcode::{GcodeProgram, Profile};
 use ledger::{Hash, Hashing};
 use plan::{ByteSource, ProgramStream, Tables};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use stepnc::{StepNcStream, StreamOptions};
@@ -21,6 +22,8 @@ pub struct Program {
     pub hash: Hash,
     /// What it is written in.
     pub kind: Kind,
+    /// Variables that the control has kept from earlier programs.
+    pub variables: BTreeMap<u32, f64>,
 }
 
 /// What a program is written in.
@@ -67,6 +70,7 @@ impl Program {
                 name,
                 hash,
                 kind: Kind::StepNc(Arc::new(program)),
+                variables: BTreeMap::new(),
             });
         }
         let (profile, because) = match (wanted, machine.and_then(|m| m.control)) {
@@ -91,6 +95,7 @@ impl Program {
             name,
             hash,
             kind: Kind::Gcode { profile, because },
+            variables: BTreeMap::new(),
         })
     }
 
@@ -128,7 +133,10 @@ impl Program {
             profile,
             resolver,
             tables.clone(),
-            gcode::Options::default(),
+            gcode::Options {
+                variables: self.variables.clone(),
+                ..gcode::Options::default()
+            },
         )
         .map_err(|found| Failure {
             exit: crate::failure::Exit::Unreadable,

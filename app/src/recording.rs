@@ -4,9 +4,12 @@ use crate::cli::{DisplayUnits, FrameName};
 use crate::failure::Failure;
 use crate::shop;
 use asrun::{InForce, RecordFrame, RecordGap, RecordPoint, Recording};
-use mtconnect::{GapCause, LengthUnit, ReadOptions, StatedFrame};
+use mtconnect::streams::{Category, Observation, Source, Streams, Value};
+use mtconnect::{GapCause, LengthUnit, ReadOptions, Reading, StatedFrame};
 use plan::{Diagnostic, Severity};
+use std::collections::BTreeMap;
 use std::path::Path;
+use store::observations;
 use units::StepId;
 
 /// What a person says about a recording that it may not say itself.
@@ -38,6 +41,17 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
     }
     if bytes.starts_with(b"PAR1") {
         drop(bytes);
+        // What cannot be opened at all is named by the reader of records below.
+        if let Ok(table) = store::Table::open(path)
+            && store::observations::is_of_observations(&table)
+        {
+            let (streams, lost) = observations_of(&table, path)?;
+            let reading = mtconnect::of_observations(&streams, &name, &options_of(said));
+            let (mut recording, diagnostics) = recording_of(reading, path, &name, said)?;
+            recording.gaps.extend(lost);
+            recording.gaps.sort_by_key(|g| g.from);
+            return Ok((recording, diagnostics));
+        }
         if said.frame == Some(FrameName::Setup) || said.device.is_some() {
             return Err(Failure::usage(format_args!(
                 "{}: it is a record of one machine, in machine positions; leave --frame setup and --device out",
@@ -46,7 +60,11 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
         }
         return Ok((of_record(path)?, vec![]));
     }
-    let options = ReadOptions {
+    recording_of(mtconnect::read(&bytes, &name, &options_of(said)), path, &name, said)
+}
+
+fn options_of(said: &Said) -> ReadOptions {
+    ReadOptions {
         unit: said.units.map(|u| {
             if u == DisplayUnits::Inch {
                 LengthUnit::Inch
@@ -63,8 +81,11 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
         }),
         item: None,
         device: said.device.clone(),
-    };
-    let reading = mtconnect::read(&bytes, &name, &options);
+    }
+}
+
+/// What was read, for the rebuilding.
+fn recording_of(reading: Reading, path: &Path, name: &str, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Failure> {
     let diagnostics = reading.diagnostics.as_slice().to_vec();
     let track = reading.track;
     if track.points.is_empty() {
@@ -103,17 +124,102 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
         cause: match g.cause {
             GapCause::Unavailable => "the agent said UNAVAILABLE".to_owned(),
             GapCause::Silent => "nothing was told".to_owned(),
+            GapCause::Lost => "the recorder could not have it".to_owned(),
         },
     };
     let recording = Recording {
         points: track.points.iter().enumerate().map(point).collect(),
         frame,
-        source: if track.source.is_empty() { name } else { track.source.clone() },
+        source: if track.source.is_empty() {
+            name.to_owned()
+        } else {
+            track.source.clone()
+        },
         simulated: false,
         gaps: track.gaps.iter().map(gap).collect(),
         events: vec![],
     };
     Ok((recording, diagnostics))
+}
+
+/// Observations of a table as a streams document has them, and the gaps among them.
+fn observations_of(table: &store::Table, path: &Path) -> Result<(Streams, Vec<RecordGap>), Failure> {
+    let unreadable = |what: String| Failure::unreadable(format_args!("{}: {what}", path.display()));
+    let mut streams = Streams::default();
+    let mut sources: BTreeMap<Source, usize> = BTreeMap::new();
+    let mut lost: Vec<RecordGap> = Vec::new();
+    let (mut start, mut instance, mut last) = (0u32, None, None);
+    // A gap lasts until the next observation.
+    let mut open: Option<RecordGap> = None;
+    for batch in table.batches().map_err(shop::failure)? {
+        let batch = batch.map_err(shop::failure)?;
+        for row in observations::rows(&batch).map_err(unreadable)? {
+            let [
+                device,
+                device_uuid,
+                component,
+                component_name,
+                component_id,
+                item,
+                name,
+                kind,
+                sub_type,
+                category,
+            ] = row.texts.map(std::borrow::Cow::into_owned);
+            if category == observations::GAP {
+                // An agent that was started anew may even keep its instance id.
+                if kind == "agent-restart" {
+                    start += 1;
+                    instance = None;
+                }
+                open.get_or_insert(RecordGap {
+                    from: last.unwrap_or(row.at),
+                    to: row.at,
+                    cause: format!("the recorder could not have it ({kind})"),
+                });
+                continue;
+            }
+            if instance.is_some_and(|before| before != row.instance) {
+                start += 1;
+            }
+            instance = Some(row.instance);
+            last = Some(row.at);
+            lost.extend(open.take().map(|gap| RecordGap { to: row.at, ..gap }));
+            let source = Source {
+                device,
+                device_uuid,
+                component,
+                name: component_name,
+                id: component_id,
+            };
+            let next = streams.sources.len();
+            let source = *sources.entry(source).or_insert_with_key(|source| {
+                streams.sources.push(source.clone());
+                next
+            });
+            let category = match category.as_str() {
+                "SAMPLE" => Category::Sample,
+                "EVENT" => Category::Event,
+                "CONDITION" => Category::Condition,
+                other => return Err(unreadable(format!("an observation has the category {other}"))),
+            };
+            streams.observations.push(Observation {
+                sequence: row.sequence,
+                instance: start,
+                at: row.at,
+                category,
+                kind,
+                sub_type,
+                item,
+                name,
+                source,
+                value: row.text.map_or(Value::Unavailable, |text| Value::Text(text.into_owned())),
+                place: (0, 0),
+            });
+        }
+    }
+    lost.extend(open);
+    Ok((streams, lost))
 }
 
 /// Reads a record that we wrote.

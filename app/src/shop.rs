@@ -1,13 +1,15 @@
 //! What a run stands on: the machine with its limits and plant, the data directory, and who stands behind it.
 
 use crate::cli::Common;
+use crate::clock;
 use crate::failure::{Exit, Failure};
 use machine::MachineParameters;
 use motion::Limits;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use store::machine_file::MachineKind;
 use store::{DataDirectory, Ending, MachineFile, StoreError};
-use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3};
+use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Timestamp};
 
 /// A blend may leave the path this far where the program does not say.
 pub const DEFAULT_PATH_TOLERANCE: Millimetres = Millimetres(0.01);
@@ -59,34 +61,117 @@ pub fn parameters(machine: &MachineFile) -> MachineParameters {
     parameters
 }
 
-/// Opens the data directory that the settings mean, and says which jobs a power loss ended.
+/// Where the data directory is that the settings mean.
+///
+/// # Errors
+/// Nothing says where it is.
+pub fn data_path(common: &Common) -> Result<PathBuf, Failure> {
+    match &common.data {
+        Some(given) => Ok(given.clone()),
+        None => store::data_directory_path(None, |name| std::env::var_os(name)).map_err(failure),
+    }
+}
+
+/// Opens the data directory that the settings mean, to work in it, and says which jobs a power loss ended.
 ///
 /// # Errors
 /// It cannot be opened, or another process holds it.
 pub fn data_directory(common: &Common) -> Result<DataDirectory, Failure> {
-    let root = match &common.data {
-        Some(given) => given.clone(),
-        None => store::data_directory_path(None, |name| std::env::var_os(name)).map_err(failure)?,
-    };
-    open_data(&root)
+    open_data(&data_path(common)?, common)
 }
 
-/// Opens a data directory.
+/// Opens a data directory to work in it. Who does, and with which command, is told in its log.
 ///
 /// # Errors
 /// It cannot be opened, or another process holds it.
-pub fn open_data(root: &Path) -> Result<DataDirectory, Failure> {
-    let words: Vec<String> = std::env::args().take(2).collect();
-    let holder = format!("toolmark {}", words.get(1).map_or("", String::as_str));
-    let mut directory = DataDirectory::open(root, holder.trim()).map_err(failure)?;
-    for interrupted in directory.interrupted_jobs().map_err(failure)? {
-        eprintln!("notice: {interrupted}");
+pub fn open_data(root: &Path, common: &Common) -> Result<DataDirectory, Failure> {
+    let at = clock::start_time(common.start.as_deref())?;
+    let command = command_word();
+    let mut directory = DataDirectory::open(root, format!("toolmark {command}").trim()).map_err(failure)?;
+    directory.opened(at, &operator(common), &command).map_err(failure)?;
+    say_log_problem(&directory);
+    let left = directory.recover_interrupted().map_err(failure)?;
+    for (job, recovery) in left.of_jobs_over {
+        notice(&match recovery {
+            Ok(recovery) => format!("job {job} could not keep its recording when it ended; {recovery}"),
+            Err(error) => format!("job {job} left a recording, and no record could be made of it yet: {error}"),
+        });
+    }
+    for interrupted in left.interrupted {
+        notice(&interrupted.to_string());
         let job = &interrupted.job;
+        if interrupted.not_recovered.is_some() {
+            // It stays on the list, and its recording where it is, until there is room for a record of it.
+            continue;
+        }
         let last = interrupted.last_event.as_ref().map_or(job.start, ledger::Event::at);
         // Said once: from here on the job is over.
         directory.end_job(job.id, last, Ending::Interrupted).map_err(failure)?;
     }
     Ok(directory)
+}
+
+/// Before something is recorded: removes rows that are older than the machine file allows, and says so.
+///
+/// # Errors
+/// The disk refuses.
+pub fn retain(directory: &mut DataDirectory, machine: &MachineFile, now: Timestamp) -> Result<(), Failure> {
+    let retained = directory.retain(&machine.retention, now).map_err(failure)?;
+    for removal in &retained.removed {
+        let (path, why) = (removal.record.path.display(), &removal.why);
+        notice(&format!("{path} was removed, {why}; what its rows came to is kept"));
+    }
+    for (record, why) in &retained.left {
+        let path = record.path.display();
+        eprintln!("warning: {path} is too old, but what its rows come to cannot be kept, so it stays: {why}");
+    }
+    Ok(())
+}
+
+/// Opens a data directory, or a backup of one, to look at it. Interrupted jobs are said, and stay what they are.
+///
+/// # Errors
+/// There is none, a process works in it, or it cannot be read.
+pub fn read_data(root: &Path) -> Result<DataDirectory, Failure> {
+    let directory = DataDirectory::read(root).map_err(failure)?;
+    say_log_problem(&directory);
+    let interrupted = directory.interrupted_jobs().map_err(failure)?;
+    interrupted.iter().for_each(|job| notice(&job.to_string()));
+    Ok(directory)
+}
+
+/// From here on a data directory is open, and the JSON answer has its notices.
+fn say_log_problem(directory: &DataDirectory) {
+    notices_lock().get_or_insert_default();
+    if let Some(problem) = directory.wal_problem() {
+        notice(&format!("the write-ahead log of the database: {problem}"));
+    }
+}
+
+/// What was said about the data directory, for the JSON answer; `None` before one was opened.
+static NOTICES: Mutex<Option<Vec<String>>> = Mutex::new(None);
+
+/// Says something on stderr, and in the JSON answer under `notices`.
+pub fn notice(text: &str) {
+    eprintln!("notice: {text}");
+    notices_lock().get_or_insert_default().push(text.to_owned());
+}
+
+/// What was said so far; `None` when the command opened no data directory and said nothing.
+pub fn notices() -> Option<Vec<String>> {
+    notices_lock().clone()
+}
+
+fn notices_lock() -> std::sync::MutexGuard<'static, Option<Vec<String>>> {
+    // A panic of another thread is told by itself; the list is whole after each push.
+    NOTICES.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+/// The command, as the lock and the log name it: `run`, `trace list`.
+fn command_word() -> String {
+    // Words up to the first option: settings may stand before the command, and then its name is all there is to say.
+    let words: Vec<String> = std::env::args().skip(1).take_while(|w| !w.starts_with('-')).take(1).collect();
+    words.join(" ")
 }
 
 /// Who stands behind a change: `--operator`, else the user that the system signed in.

@@ -83,7 +83,7 @@ pub fn survey(stream: Box<dyn ProgramStream + '_>, tables: &Tables, limits: Limi
 pub fn beforehand(question: &Question) -> Answer {
     match question {
         Question::OptionalStop => Answer::Truth(false),
-        Question::Condition(_) | Question::Number(_) => Answer::Unknown,
+        Question::Condition(_) | Question::Number(_) | Question::Skip { .. } => Answer::Unknown,
     }
 }
 

@@ -31,6 +31,8 @@ pub struct CatalogueRow {
     pub hash: Hash,
     /// The hash of the file before it in the catalogue; zeros for the first.
     pub previous: Hash,
+    /// Its path as it stands in the table: relative where it lies in the data directory.
+    pub(crate) text: String,
 }
 
 impl DataDirectory {
@@ -39,6 +41,18 @@ impl DataDirectory {
     /// # Errors
     /// There is no such job, or the disk refuses. The file is whole in any case and can be put in later.
     pub fn catalogue(&mut self, job: JobId, record: &Finished, at: Timestamp) -> Result<CatalogueRow, StoreError> {
+        self.catalogue_with(job, record, at, None)
+    }
+
+    /// The same, with another event before it in the same transaction.
+    pub(crate) fn catalogue_with(
+        &mut self,
+        job: JobId,
+        record: &Finished,
+        at: Timestamp,
+        before: Option<(&str, BTreeMap<String, Value>)>,
+    ) -> Result<CatalogueRow, StoreError> {
+        self.must_hold()?;
         let machine = self.job(job)?.machine;
         let path = self.path_to_text(&record.path)?;
         self.in_transaction(|transaction, chain| {
@@ -67,13 +81,20 @@ impl DataDirectory {
                     previous
                 ],
             )?;
+            if let Some((kind, detail)) = before {
+                insert_event(transaction, Log::Directory, &chain.append(at, kind, detail))?;
+            }
             // The event holds the whole row, so that a changed row is found by the chain.
             let row = transaction.query_row("SELECT * FROM records WHERE sequence = ?1", [sequence], detail_of)?;
             let event = chain.append(at, "record-catalogued", row);
             insert_event(transaction, Log::Directory, &event)
         })?;
         let newest = self.records()?.pop();
-        Ok(newest.expect("a row was put in above, and rows are never deleted"))
+        let newest = newest.expect("a row was put in above, and rows are never deleted");
+        // The record is kept, whatever becomes of its roll-up: one that cannot be made now (a full disk) is made when it is first asked
+        // for, and who asks then is told why it cannot.
+        let _ = self.roll_up(&newest);
+        Ok(newest)
     }
 
     /// All record files, in the order in which they were put in.
@@ -88,7 +109,7 @@ impl DataDirectory {
         all().map_err(self.failed())
     }
 
-    fn catalogue_row_of(&self, row: &Row<'_>) -> rusqlite::Result<CatalogueRow> {
+    pub(crate) fn catalogue_row_of(&self, row: &Row<'_>) -> rusqlite::Result<CatalogueRow> {
         let hash = |column: &str| -> rusqlite::Result<Hash> {
             let odd = || rusqlite::Error::InvalidColumnType(0, column.to_owned(), rusqlite::types::Type::Text);
             Hash::parse(&row.get::<_, String>(column)?).ok_or_else(odd)
@@ -98,9 +119,10 @@ impl DataDirectory {
             u64::try_from(number).map_err(|_| rusqlite::Error::IntegralValueOutOfRange(0, number))
         };
         let (first, last): (Option<i64>, Option<i64>) = (row.get("first_us")?, row.get("last_us")?);
+        let text: String = row.get("path")?;
         Ok(CatalogueRow {
             sequence: count("sequence")?,
-            path: self.path_from_text(&row.get::<_, String>("path")?),
+            path: self.place_of(&text, &row.get::<_, String>("sha256")?),
             job: JobId(row.get("job")?),
             machine: row.get("machine")?,
             span_us: first.zip(last),
@@ -108,6 +130,7 @@ impl DataDirectory {
             bytes: count("bytes")?,
             hash: hash("sha256")?,
             previous: hash("previous_sha256")?,
+            text,
         })
     }
 }

@@ -6,12 +6,13 @@
 //! jobs/<job>/                             what a job wrote: as-executed program, report
 //! records/<machine>/<yyyy-mm-dd>/*.parquet  records
 //! segments/                               records in the making
+//! rollups/<hash of record>.rollup         what the records come to, kept when their rows are removed
+//! outside/<hash>/<name>                   in backups and what was restored from them: files of jobs that wrote elsewhere
 //! lock                                    held by the one process that works here
+//! server.json                             where that process can be talked to
 //! ```
 
-use crate::whole_file::{WholeFile, hash_of_file};
-use crate::{JobId, StoreError, schema};
-use ledger::Hash;
+use crate::{JobId, StoreError, backup, schema, server_notice, wal};
 use rusqlite::Connection;
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -39,14 +40,16 @@ pub fn data_directory_path(data: Option<&Path>, variable: impl Fn(&str) -> Optio
         .ok_or(StoreError::NoPlace)
 }
 
-/// A data directory that this process holds. One process at a time; dropped, it is free again.
+/// A data directory that this process holds, one process at a time, or only reads. Dropped, it is free again.
 pub struct DataDirectory {
     root: PathBuf,
     pub(crate) database: Connection,
     /// Jobs begun by this process: they run, and were not interrupted.
     pub(crate) begun: BTreeSet<JobId>,
+    /// What was wrong with the write-ahead log when it was opened.
+    pub(crate) wal_problem: Option<String>,
     // Last: the database is closed before others are let in.
-    _lock: Lock,
+    lock: Lock,
 }
 
 impl std::fmt::Debug for DataDirectory {
@@ -60,25 +63,76 @@ impl DataDirectory {
     /// `toolmark serve`.
     ///
     /// # Errors
-    /// Another process holds it; its database is newer than this program, damaged, or not ours; the disk refuses.
+    /// Another process holds it; its database is newer than this program, damaged, or not ours; it is a backup, or a restore into it
+    /// did not end; the disk refuses.
     pub fn open(root: &Path, holder: &str) -> Result<DataDirectory, StoreError> {
         let root = std::path::absolute(root).map_err(StoreError::io("find", root))?;
+        // Before the folder is touched: a backup stays as it is.
+        backup::refuse_to_work_in(&root)?;
         std::fs::create_dir_all(&root).map_err(StoreError::io("create", &root))?;
         let lock = Lock::take(&root, holder)?;
+        server_notice::remove_stale(&root)?;
         for folder in ["programs", "jobs", "segments", "records"] {
             let folder = root.join(folder);
             std::fs::create_dir_all(&folder).map_err(StoreError::io("create", &folder))?;
         }
-        let database = schema::open(&root.join("toolmark.sqlite"), schema::MIGRATIONS)?;
-        crate::whole_file::sync_folder_of(&root.join("toolmark.sqlite"))?;
+        let path = root.join(DATABASE);
+        let wal_problem = wal::problem(&path)?;
+        let database = schema::open(&path, schema::MIGRATIONS)?;
+        crate::whole_file::sync_folder_of(&path)?;
         let directory = DataDirectory {
             root,
             database,
             begun: BTreeSet::new(),
-            _lock: lock,
+            wal_problem,
+            lock,
         };
         directory.check_last_event()?;
         Ok(directory)
+    }
+
+    /// Opens a data directory, or a backup of one, only to look at it: nothing in it is made, changed or migrated, and whatever would
+    /// write is refused. Several readers may look at the same time, but not while a process works in it.
+    ///
+    /// # Errors
+    /// It is no data directory; a process works in it; its database is newer than this program, damaged, or not ours; it is a backup
+    /// that did not come to its end.
+    pub fn read(root: &Path) -> Result<DataDirectory, StoreError> {
+        let root = std::path::absolute(root).map_err(StoreError::io("find", root))?;
+        let path = root.join(DATABASE);
+        backup::refuse_half(&root)?;
+        if !path.is_file() {
+            return Err(StoreError::NoDirectory(root));
+        }
+        let lock = Lock::share(&root)?;
+        let wal_problem = wal::problem(&path)?;
+        let database = schema::read(&path, schema::MIGRATIONS)?;
+        Ok(DataDirectory {
+            root,
+            database,
+            begun: BTreeSet::new(),
+            wal_problem,
+            lock,
+        })
+    }
+
+    /// True when this process holds the directory, false when it only reads it.
+    pub fn is_held(&self) -> bool {
+        self.lock.exclusive
+    }
+
+    /// What was wrong with the database's write-ahead log when it was opened: changes that SQLite drops without a word.
+    pub fn wal_problem(&self) -> Option<&str> {
+        self.wal_problem.as_deref()
+    }
+
+    /// Refuses what a reader may not do.
+    pub(crate) fn must_hold(&self) -> Result<(), StoreError> {
+        if self.is_held() {
+            Ok(())
+        } else {
+            Err(StoreError::OnlyRead(self.root.clone()))
+        }
     }
 
     /// The folder itself.
@@ -89,22 +143,6 @@ impl DataDirectory {
     /// Where programs are kept.
     pub fn programs(&self) -> PathBuf {
         self.root.join("programs")
-    }
-
-    /// Keeps the bytes of a program under their hash, so that a job's program can be looked up after the file was edited:
-    /// `programs/<hash>/<name>`. Kept already, it stays as it is.
-    ///
-    /// # Errors
-    /// The disk refuses.
-    pub fn keep_program(&self, name: &str, bytes: &[u8]) -> Result<(PathBuf, Hash), StoreError> {
-        let hash = Hash::of(bytes);
-        let path = self.programs().join(hash.to_string()).join(folder_name(name));
-        if !(path.exists() && hash_of_file(&path)? == hash) {
-            let mut file = WholeFile::create(&path)?;
-            file.write_all(bytes).map_err(StoreError::io("write", &path))?;
-            file.finish()?;
-        }
-        Ok((path, hash))
     }
 
     /// Where the record of a job goes: `records/<machine>/<yyyy-mm-dd>/job-000007.parquet`, the day in UTC.
@@ -131,9 +169,22 @@ impl DataDirectory {
         self.root.join(text)
     }
 
+    /// Where a file of known content is: at its place, or, when that is outside of the data directory and this is a backup or was
+    /// restored from one, below `outside/`.
+    pub(crate) fn place_of(&self, text: &str, hash: &str) -> PathBuf {
+        let place = self.path_from_text(text);
+        if !place.starts_with(&self.root) {
+            let copy = self.root.join(backup::outside(&place, hash));
+            if copy.exists() {
+                return copy;
+            }
+        }
+        place
+    }
+
     /// For `map_err` of anything SQLite says.
     pub(crate) fn failed(&self) -> impl Fn(rusqlite::Error) -> StoreError + use<> {
-        let path = self.root.join("toolmark.sqlite");
+        let path = self.root.join(DATABASE);
         move |source| StoreError::Database {
             path: path.clone(),
             source,
@@ -141,10 +192,23 @@ impl DataDirectory {
     }
 }
 
+/// The name of the database in a data directory.
+pub(crate) const DATABASE: &str = "toolmark.sqlite";
+
+/// A path with something appended to its name: `toolmark.sqlite-wal`.
+pub(crate) fn beside(path: &Path, suffix: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(suffix);
+    PathBuf::from(name)
+}
+
 /// The lock on a data directory: the operating system's lock on the file, so that it ends with the process however that ends. The
 /// file's text only tells who it is.
 struct Lock {
-    file: File,
+    /// `None` for a reader of a folder that has no lock file: a backup.
+    file: Option<File>,
+    exclusive: bool,
+    root: PathBuf,
 }
 
 impl Lock {
@@ -166,15 +230,45 @@ impl Lock {
         file.set_len(0)
             .and_then(|()| file.write_all(text.as_bytes()))
             .map_err(StoreError::io("write", &path))?;
-        Ok(Lock { file })
+        Ok(Lock {
+            file: Some(file),
+            exclusive: true,
+            root: root.to_owned(),
+        })
+    }
+
+    /// Keeps holders out, but not other readers.
+    fn share(root: &Path) -> Result<Lock, StoreError> {
+        let path = root.join("lock");
+        let mut file = match File::open(&path) {
+            Ok(file) => Some(file),
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => None,
+            Err(e) => return Err(StoreError::io("open", &path)(e)),
+        };
+        if let Some(file) = &mut file {
+            match file.try_lock_shared() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => return Err(locked(root, file)),
+                Err(TryLockError::Error(source)) => return Err(StoreError::io("lock", &path)(source)),
+            }
+        }
+        Ok(Lock {
+            file,
+            exclusive: false,
+            root: root.to_owned(),
+        })
     }
 }
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        // So that nobody reads our name under the next holder's lock; closing the file frees the lock in any case.
-        let _ = self.file.set_len(0);
-        let _ = self.file.unlock();
+        // Nothing here can be told to anybody any more, and what stays behind is recognised as stale by the next holder.
+        if self.exclusive {
+            let _ = server_notice::remove_stale(&self.root);
+            // So that nobody reads our name under the next holder's lock; closing the file frees the lock in any case.
+            let _ = self.file.as_ref().map(|f| f.set_len(0));
+        }
+        let _ = self.file.as_ref().map(File::unlock);
     }
 }
 
@@ -191,11 +285,13 @@ fn locked(root: &Path, file: &mut File) -> StoreError {
     }
     let mut lines = text.lines();
     let pid = lines.next().and_then(|line| line.parse().ok());
+    // A reader has no name there: its lock is not worth a write.
     let holder = lines.next().filter(|h| !h.is_empty()).unwrap_or("another process");
     StoreError::Locked {
         path: root.to_owned(),
         holder: holder.to_owned(),
         pid,
+        address: server_notice::address_of(root, pid),
     }
 }
 
@@ -209,7 +305,7 @@ fn day_of(at: Timestamp) -> String {
 }
 
 /// A name as a folder: what a file system may not like becomes `_`.
-fn folder_name(name: &str) -> String {
+pub(crate) fn folder_name(name: &str) -> String {
     let safe = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
     let folder: String = name.chars().map(safe).collect();
     // `.` and `..` are no names, and a leading dot hides.
@@ -265,17 +361,25 @@ mod tests {
     }
 
     #[test]
-    fn a_program_is_kept_by_its_hash_and_mended_when_it_was_changed() {
+    fn readers_look_together_but_not_while_a_process_works_there() {
         let folder = tempfile::tempdir().expect("a folder");
-        let directory = DataDirectory::open(folder.path(), "test").expect("free");
-        let (path, hash) = directory.keep_program("a/part.nc", b"G0 X0").expect("kept");
-        assert!(path.ends_with(format!("programs/{hash}/a_part.nc")), "{}", path.display());
-        std::fs::write(&path, "G0 X1").expect("edited");
-        assert_eq!(
-            directory.keep_program("a/part.nc", b"G0 X0").expect("kept"),
-            (path.clone(), hash)
-        );
-        assert_eq!(std::fs::read(&path).expect("reads"), b"G0 X0");
+        assert!(matches!(DataDirectory::read(folder.path()), Err(StoreError::NoDirectory(_))));
+        let holder = DataDirectory::open(folder.path(), "toolmark run").expect("free");
+        let refused = DataDirectory::read(folder.path()).expect_err("held");
+        assert!(refused.to_string().contains("in use by toolmark run (process"), "{refused}");
+        drop(holder);
+        let mut one = DataDirectory::read(folder.path()).expect("free");
+        let two = DataDirectory::read(folder.path()).expect("a second reader");
+        assert!(matches!(
+            DataDirectory::open(folder.path(), "toolmark run"),
+            Err(StoreError::Locked { .. })
+        ));
+        let refused = one
+            .append(Timestamp(1), "noted", std::collections::BTreeMap::new())
+            .expect_err("only read");
+        assert!(matches!(refused, StoreError::OnlyRead(_)), "{refused}");
+        drop((one, two));
+        DataDirectory::open(folder.path(), "toolmark run").expect("free again");
     }
 
     #[test]

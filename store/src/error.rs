@@ -1,6 +1,6 @@
 //! The one error type of this crate: what happened to which file, and what the person can do.
 
-use crate::{JobId, Log};
+use crate::{Hold, JobId, Log};
 use ledger::{Broken, ChangeError};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -21,8 +21,9 @@ pub enum StoreError {
     },
     /// Another process works in the data directory.
     #[error(
-        "data directory {} is in use by {holder}{}: end it, talk to it, or give another directory with --data",
-        path.display(), pid.map(|p| format!(" (process {p})")).unwrap_or_default()
+        "data directory {} is in use by {holder}{}{}: end it, talk to it, or give another directory with --data",
+        path.display(), pid.map(|p| format!(" (process {p})")).unwrap_or_default(),
+        address.as_ref().map(|a| format!(", which answers at {a}")).unwrap_or_default()
     )]
     Locked {
         /// The data directory.
@@ -31,6 +32,42 @@ pub enum StoreError {
         holder: String,
         /// Its process number, when it could be read.
         pid: Option<u32>,
+        /// Where it can be talked to, when it serves.
+        address: Option<String>,
+    },
+    /// There is nothing to read.
+    #[error(
+        "{} holds no toolmark.sqlite: it is neither a data directory nor a backup of one; run a program first, or give --data DIR",
+        .0.display()
+    )]
+    NoDirectory(PathBuf),
+    /// Something would write into a directory that is only read.
+    #[error("{} was opened to be read, nothing in it can be changed", .0.display())]
+    OnlyRead(PathBuf),
+    /// Somebody wants to work in a backup.
+    #[error("{} is a backup and stays as it is: look into it with toolmark trace, or bring it back with toolmark restore", .0.display())]
+    IsBackup(PathBuf),
+    /// A backup that did not come to its end.
+    #[error("{} is a backup that did not come to its end, so it is not whole: run toolmark backup to it once more", .0.display())]
+    HalfBackup(PathBuf),
+    /// A restore that did not come to its end.
+    #[error("a restore into {} did not come to its end, so it is not whole: empty the folder and restore again", .0.display())]
+    HalfRestore(PathBuf),
+    /// A folder that cannot take a backup or a restore.
+    #[error("{}: {what}", path.display())]
+    BadPlace {
+        /// The folder.
+        path: PathBuf,
+        /// Why, and what to do.
+        what: String,
+    },
+    /// A backup that is not what was written.
+    #[error("the backup {} is not whole, nothing was restored: {}", path.display(), problems.join("; "))]
+    NotWhole {
+        /// The backup.
+        path: PathBuf,
+        /// What is missing or changed.
+        problems: Vec<String>,
     },
     /// There is no place to look for a data directory.
     #[error("no data directory: neither --data, TOOLMARK_DATA, XDG_DATA_HOME nor HOME is set; give --data DIR")]
@@ -92,6 +129,15 @@ pub enum StoreError {
     /// The job is over.
     #[error("job {0} is over already")]
     JobIsOver(JobId),
+    /// The job is on hold.
+    #[error("job {} is on hold already, by {}: {}", .0.job, .0.who, .0.why)]
+    HeldAlready(Hold),
+    /// The job is not on hold.
+    #[error("job {0} is not on hold")]
+    NotHeld(JobId),
+    /// A hold or a release without a person or a reason.
+    #[error("a hold needs who asks for it and why: give --reason TEXT")]
+    NobodyStandsBehind,
     /// A row that cannot stand in a record.
     #[error("record {}: a row of tick {} after one of tick {}: ticks must rise", path.display(), found.0, last.0)]
     OutOfOrder {
@@ -119,6 +165,22 @@ pub enum StoreError {
         path: PathBuf,
         /// What the reader found.
         what: String,
+    },
+    /// A roll-up that is cut or changed.
+    #[error("roll-up {} is damaged or cut ({what}): it is made anew from its record when that is still there", path.display())]
+    DamagedRollup {
+        /// The file.
+        path: PathBuf,
+        /// What the reader found.
+        what: String,
+    },
+    /// No record that was asked for has such a channel.
+    #[error("no record has a channel {name}: there are {}", known.join(", "))]
+    NoSuchChannel {
+        /// What was asked for.
+        name: String,
+        /// What there is.
+        known: Vec<String>,
     },
     /// A whole Parquet file that is not a record of ours.
     #[error("{} is not a toolmark record: {what}", path.display())]
@@ -163,10 +225,13 @@ impl StoreError {
             } if source.kind() == std::io::ErrorKind::NotFound => 3,
             Io { .. } | Locked { .. } | Database { .. } | Unwritable { .. } => 4,
             Newer { .. } | NotOurs { .. } | Broken { .. } | BadEvent { .. } => 3,
-            Damaged { .. } | NotARecord { .. } | MachineFile(_) | BadRegister { .. } => 3,
-            NoPlace | NotUnicode(_) | NoSuchJob(_) | JobIsOver(_) => 2,
+            Damaged { .. } | DamagedRollup { .. } | NotARecord { .. } | MachineFile(_) | BadRegister { .. } => 3,
+            NoPlace | NoSuchChannel { .. } | NotUnicode(_) | NoSuchJob(_) | JobIsOver(_) => 2,
+            HeldAlready(_) | NotHeld(_) | NobodyStandsBehind => 2,
+            NoDirectory(_) | HalfBackup(_) | HalfRestore(_) | NotWhole { .. } => 3,
+            IsBackup(_) | BadPlace { .. } => 2,
             Change(_) => 1,
-            OutOfOrder { .. } | TooLarge { .. } => 70,
+            OutOfOrder { .. } | TooLarge { .. } | OnlyRead(_) => 70,
         }
     }
 

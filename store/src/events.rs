@@ -54,6 +54,7 @@ impl DataDirectory {
     /// # Errors
     /// The first refusal; nothing was changed then.
     pub fn change_values(&mut self, requests: &[ChangeRequest]) -> Result<Vec<Change>, StoreError> {
+        self.must_hold()?;
         let failed = self.failed();
         let transaction = self
             .database
@@ -110,6 +111,7 @@ impl DataDirectory {
         self.running_job(job)?;
         let failed = self.failed();
         let log = Log::Job(job);
+        self.must_hold()?;
         let transaction = self
             .database
             .transaction_with_behavior(TransactionBehavior::Immediate)
@@ -169,6 +171,7 @@ impl DataDirectory {
         &mut self,
         work: impl FnOnce(&Connection, &mut Chain) -> rusqlite::Result<T>,
     ) -> Result<T, StoreError> {
+        self.must_hold()?;
         let failed = self.failed();
         let transaction = self
             .database

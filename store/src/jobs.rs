@@ -1,6 +1,7 @@
 //! Jobs: one run of one program each, and what is left of those that a power loss ended.
 
 use crate::events::{end_of, insert_event};
+use crate::segment::Recovery;
 use crate::{DataDirectory, Log, StoreError};
 use ledger::{Event, Hash};
 use rusqlite::{OptionalExtension, Row, params};
@@ -119,6 +120,20 @@ pub struct Interrupted {
     /// Its record, when that is whole and only the catalogue does not know it yet: open it with [`crate::record::Reader`] and hand its
     /// `finished()` to [`DataDirectory::catalogue`].
     pub uncatalogued: Option<PathBuf>,
+    /// What became of its recording; filled by [`DataDirectory::recover_interrupted`].
+    pub recovery: Option<Recovery>,
+    /// Why its recording could not be made a record yet: it is kept, and the next start tries again.
+    pub not_recovered: Option<String>,
+}
+
+/// What other processes left behind.
+#[derive(Debug)]
+pub struct Left {
+    /// Jobs that were interrupted, with what became of their recordings.
+    pub interrupted: Vec<Interrupted>,
+    /// What became of recordings of jobs that had ended, but could not keep them: their disk was full, or they were killed at the very
+    /// end.
+    pub of_jobs_over: Vec<(JobId, Result<Recovery, StoreError>)>,
 }
 
 impl fmt::Display for Interrupted {
@@ -138,6 +153,12 @@ impl fmt::Display for Interrupted {
         match &self.last_event {
             Some(event) => write!(f, "; the last that is known of it is `{}` at {}", event.kind, utc(event.at()))?,
             None => write!(f, "; nothing of it was kept")?,
+        }
+        if let Some(recovery) = &self.recovery {
+            write!(f, "; {recovery}")?;
+        }
+        if let Some(why) = &self.not_recovered {
+            write!(f, "; its recording is kept, but no record could be made of it yet: {why}")?;
         }
         for path in &self.unfinished {
             write!(f, "; {} is unfinished", path.display())?;
@@ -259,10 +280,40 @@ impl DataDirectory {
                 last_step: step.and_then(|s| u64::try_from(s).ok()),
                 unfinished,
                 uncatalogued: (record.exists() && !known).then_some(record),
+                recovery: None,
+                not_recovered: None,
                 job,
             })
         })
         .collect()
+    }
+
+    /// Makes records of all recordings that dead processes left, and says which jobs were interrupted. A recording that cannot be made a
+    /// record now (a full disk) is kept, and is said; [`DataDirectory::end_job`] is for the others.
+    ///
+    /// # Errors
+    /// The disk refuses to be read at all.
+    pub fn recover_interrupted(&mut self) -> Result<Left, StoreError> {
+        let mut done = BTreeMap::new();
+        for job in self.left_recordings()? {
+            done.insert(job, self.recover(job));
+        }
+        let mut interrupted = self.interrupted_jobs()?;
+        for found in &mut interrupted {
+            match done.remove(&found.job.id) {
+                Some(Ok(recovery)) => found.recovery = recovery,
+                Some(Err(error)) => found.not_recovered = Some(error.to_string()),
+                None => {}
+            }
+        }
+        let of_jobs_over = done.into_iter().filter_map(|(job, done)| match done {
+            Ok(recovery) => Some((job, Ok(recovery?))),
+            Err(error) => Some((job, Err(error))),
+        });
+        Ok(Left {
+            interrupted,
+            of_jobs_over: of_jobs_over.collect(),
+        })
     }
 
     /// All jobs, oldest first.

@@ -1,34 +1,56 @@
 //! The house's disk: the data directory with its lock and its SQLite file, the record files, and the machine file.
 //!
-//! This is the light part of the shell: it opens files, but no socket and no clock; times come from the caller, so that a simulated run
-//! writes the same bytes every time. It keeps what `ledger` makes and invents no events of its own hand: every row that matters is
-//! told by an event of the chain, and [`DataDirectory::verify`] holds the two against each other.
+//! This is the light part of the shell: it opens files and starts the thread that writes a recording, but opens no socket and asks no
+//! clock what time it is; times come from the caller, so that a simulated run writes the same bytes every time. It keeps what `ledger`
+//! makes: every row that matters is told by an event of the chain, and [`DataDirectory::verify`] holds the two against each other.
 //!
-//! Read on: [`DataDirectory`] for the folder, its lock, jobs, events and process values; [`record`] for Parquet records of samples;
+//! Read on: [`DataDirectory`] for the folder, its lock, jobs, events and process values; [`fn@verify`] for the check of everything;
+//! [`backup`] for whole copies and the way back; [`ServerNotice`] for whom to talk to; [`segment`] for recordings in the making, where
+//! what is acknowledged is on disk; [`record`] for Parquet records of samples and [`Table`] for any others; [`rollup`] for what they come
+//! to over an hour or a month; [`DataDirectory::range`] for the rows of a moment; [`Retention`] for what is removed by age;
 //! [`trajectory`] for planned set-points; [`machine_file`] for `machine.toml`; [`registers`] for the paths of offsets.
-//!
-//! Not here yet: append-only segments with group commit, retention, roll-ups. A record is written to its Parquet file directly, and
-//! what a crash leaves of it is an unfinished `.tmp` file that nothing refers to.
 
+pub mod backup;
 mod catalogue;
 mod directory;
 mod error;
 mod events;
+mod holds;
 mod jobs;
+mod kept;
 pub mod machine_file;
+mod range;
+pub mod observations;
 pub mod record;
 pub mod registers;
+mod retention;
+mod retention_verified;
+pub mod rollup;
 mod schema;
+pub mod segment;
+mod server_notice;
+mod sources;
+mod table;
 pub mod sizing;
 pub mod trajectory;
+mod variables;
 mod verify;
+mod wal;
 mod whole_file;
 
 pub use catalogue::CatalogueRow;
 pub use directory::{DataDirectory, data_directory_path};
 pub use error::StoreError;
 pub use events::Log;
-pub use jobs::{Ending, Interrupted, Job, JobId, JobState, NewJob};
+pub use holds::Hold;
+pub use jobs::{Ending, Interrupted, Job, JobId, JobState, Left, NewJob};
+pub use kept::KeptFile;
 pub use machine_file::{MachineFile, MachineKind};
+pub use range::{Piece, Range, Rest, RolledUp, Rows};
 pub use registers::Register;
-pub use verify::Finding;
+pub use retention::{Removal, Retained, Retention};
+pub use server_notice::ServerNotice;
+pub use sources::{Of, Span};
+pub use table::Table;
+pub use verify::{Finding, Verification, verify};
+pub use whole_file::WholeFile;

@@ -8,7 +8,7 @@
 //!
 //! Not here yet, because nothing reads them yet: sensors, ports and certificates of links.
 
-use crate::StoreError;
+use crate::{Retention, StoreError};
 use plan::Diagnostic;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -37,6 +37,8 @@ pub struct MachineFile {
     pub tools: BTreeMap<ToolNumber, InitialTool>,
     /// Work offsets on the first day, mm along X, Y, Z in the machine frame, by name. X in diameters where the axis counts so.
     pub work_offsets: BTreeMap<String, [f64; 3]>,
+    /// How long its records are kept.
+    pub retention: Retention,
 }
 
 /// What kind of machine.
@@ -127,6 +129,10 @@ pub struct InitialTool {
     pub name: String,
     /// Cutting diameter.
     pub diameter: Option<Millimetres>,
+    /// Radius register of compensation: a mill's D, a turning tool's nose radius.
+    pub radius: Option<Millimetres>,
+    /// Where the imaginary tip of a turning tool lies, 0 to 9 as the controls number it.
+    pub tip_direction: Option<u8>,
     /// From tip to gauge point along X, Y, Z, mm. X in diameters where the axis counts so.
     pub geometry: [f64; 3],
 }
@@ -219,6 +225,15 @@ struct Text {
     work_offsets: BTreeMap<Spanned<String>, OffsetText>,
     #[serde(default)]
     tools: Vec<ToolText>,
+    #[serde(default)]
+    store: StoreText,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StoreText {
+    raw_days: Option<Positive>,
+    quota_bytes: Option<Bytes>,
 }
 
 #[derive(Deserialize)]
@@ -266,6 +281,8 @@ struct ToolText {
     #[serde(default)]
     name: String,
     diameter_mm: Option<Positive>,
+    radius_mm: Option<NotNegative>,
+    tip_direction: Option<Spanned<u8>>,
     #[serde(default)]
     geometry_x_mm: Finite,
     #[serde(default)]
@@ -296,6 +313,20 @@ checked_number!(/// A limit of 0 would be a machine that cannot move.
 checked_number!(/// A duration.
     NotNegative, |n| n.is_finite() && n >= 0.0, "a finite number, 0 or more, is needed");
 
+/// An amount of disk.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(try_from = "i64")]
+struct Bytes(u64);
+impl TryFrom<i64> for Bytes {
+    type Error = String;
+    fn try_from(number: i64) -> Result<Self, String> {
+        let bytes = u64::try_from(number).ok().filter(|n| *n > 0);
+        bytes
+            .map(Bytes)
+            .ok_or_else(|| format!("{number} cannot be: a whole number above 0 is needed"))
+    }
+}
+
 /// A refusal and where in the text.
 type Refusal = (usize, String);
 
@@ -322,9 +353,14 @@ impl Text {
                     "tool 0 is the empty spindle; number tools from 1".to_owned(),
                 ));
             }
+            if let Some(direction) = tool.tip_direction.as_ref().filter(|d| *d.get_ref() > 9) {
+                return Err((direction.span().start, "a tip direction is 0 to 9".to_owned()));
+            }
             let entry = InitialTool {
                 name: tool.name,
                 diameter: tool.diameter_mm.map(|d| Millimetres(d.0)),
+                radius: tool.radius_mm.map(|r| Millimetres(r.0)),
+                tip_direction: tool.tip_direction.map(Spanned::into_inner),
                 geometry: [tool.geometry_x_mm.0, tool.geometry_y_mm.0, tool.geometry_z_mm.0],
             };
             if tools.insert(ToolNumber(number), entry).is_some() {
@@ -355,6 +391,10 @@ impl Text {
             tool_change: Seconds(self.tool_change_s.0),
             tools,
             work_offsets,
+            retention: Retention {
+                raw_days: self.store.raw_days.map_or(Retention::default().raw_days, |days| days.0),
+                quota_bytes: self.store.quota_bytes.map(|bytes| bytes.0),
+            },
         })
     }
 }
@@ -452,6 +492,15 @@ mod tests {
             "10:1: axis X: travel -1000 to -10 mm does not reach 0",
         );
         check_refused(("[axes.y]", "[axes.w]"), "19:7: unknown field `w`");
+        check_refused(
+            ("raw_days = 90", "raw_days = 0"),
+            "98:12: 0 cannot be: a finite number above 0",
+        );
+        check_refused(("raw_days = 90", "raw_dais = 90"), "98:1: unknown field `raw_dais`");
+        check_refused(
+            ("# quota_bytes = 500_000_000_000", "quota_bytes = 1.5"),
+            "99:15: invalid type",
+        );
         check_refused(("number = 2", "number = 1"), "55:10: tool 1 is there already");
         check_refused(("name = \"sim-mill\"", "name = \"a/b\""), "2:8: the name \"a/b\"");
         check_refused(

@@ -32,8 +32,12 @@ pub enum Register {
     },
     /// Cutting diameter: `tool/3/diameter_mm`.
     ToolDiameter(ToolNumber),
+    /// Radius register of compensation, a mill's D or a nose radius: `tool/3/radius_mm`.
+    ToolRadius(ToolNumber),
     /// Correction of the radius: `tool/3/radius_wear_mm`.
     ToolRadiusWear(ToolNumber),
+    /// Where the imaginary tip of a turning tool lies, 0 to 9: `tool/3/tip_direction`.
+    ToolTipDirection(ToolNumber),
     /// A work offset along an axis: `offset/G54/x_mm`.
     WorkOffset {
         /// G54, or the set-up's name.
@@ -50,6 +54,8 @@ impl fmt::Display for Register {
             Register::ToolGeometry { tool, axis } => write!(f, "tool/{}/geometry/{}_mm", tool.0, axis.letter()),
             Register::ToolWear { tool, axis } => write!(f, "tool/{}/wear/{}_mm", tool.0, axis.letter()),
             Register::ToolDiameter(tool) => write!(f, "tool/{}/diameter_mm", tool.0),
+            Register::ToolRadius(tool) => write!(f, "tool/{}/radius_mm", tool.0),
+            Register::ToolTipDirection(tool) => write!(f, "tool/{}/tip_direction", tool.0),
             Register::ToolRadiusWear(tool) => write!(f, "tool/{}/radius_wear_mm", tool.0),
             // A set-up's name is free text; a slash in it must not make another path.
             Register::WorkOffset { name, axis } => {
@@ -92,6 +98,8 @@ impl Register {
                 axis: axis(key)?,
             },
             ["tool", tool, "diameter_mm"] => Register::ToolDiameter(number(tool)?),
+            ["tool", tool, "radius_mm"] => Register::ToolRadius(number(tool)?),
+            ["tool", tool, "tip_direction"] => Register::ToolTipDirection(number(tool)?),
             ["tool", tool, "radius_wear_mm"] => Register::ToolRadiusWear(number(tool)?),
             ["offset", name, key] => Register::WorkOffset {
                 name: name.replace("%2F", "/").replace("%25", "%"),
@@ -127,6 +135,10 @@ pub fn tables(machine: &MachineFile, values: &BTreeMap<String, f64>) -> Result<T
             if matches!(register, Register::ToolDiameter(_)) && value <= 0.0 {
                 return Err(bad("a cutting diameter must be above 0"));
             }
+            let is_tip = matches!(register, Register::ToolTipDirection(_));
+            if is_tip && !(value.trunc() == value && (0.0..=9.0).contains(&value)) {
+                return Err(bad("a tip direction is a whole number from 0 to 9"));
+            }
             all.insert(register, value);
         }
     }
@@ -141,6 +153,8 @@ pub fn tables(machine: &MachineFile, values: &BTreeMap<String, f64>) -> Result<T
             Register::ToolGeometry { tool, axis } => along(&mut tools.entry(tool).or_default().geometry, axis, inside(axis)),
             Register::ToolWear { tool, axis } => along(&mut tools.entry(tool).or_default().wear, axis, inside(axis)),
             Register::ToolDiameter(tool) => tools.entry(tool).or_default().diameter = Some(Millimetres(value)),
+            Register::ToolRadius(tool) => tools.entry(tool).or_default().radius = Millimetres(value),
+            Register::ToolTipDirection(tool) => tools.entry(tool).or_default().tip_direction = value as u8,
             Register::ToolRadiusWear(tool) => tools.entry(tool).or_default().radius_wear = Millimetres(value),
             Register::WorkOffset { name, axis } => origins.entry(name).or_default()[axis.index()] = inside(axis),
         }
@@ -175,6 +189,12 @@ fn first_day(machine: &MachineFile) -> BTreeMap<Register, f64> {
         }
         if let Some(diameter) = tool.diameter {
             values.insert(Register::ToolDiameter(number), diameter.0);
+        }
+        if let Some(radius) = tool.radius {
+            values.insert(Register::ToolRadius(number), radius.0);
+        }
+        if let Some(direction) = tool.tip_direction {
+            values.insert(Register::ToolTipDirection(number), f64::from(direction));
         }
     }
     for (name, offset) in &machine.work_offsets {
@@ -235,6 +255,8 @@ mod tests {
             (Register::ToolWear { tool, axis }, "tool/5/wear/x_mm"),
             (Register::ToolDiameter(tool), "tool/5/diameter_mm"),
             (Register::ToolRadiusWear(tool), "tool/5/radius_wear_mm"),
+            (Register::ToolRadius(tool), "tool/5/radius_mm"),
+            (Register::ToolTipDirection(tool), "tool/5/tip_direction"),
             (
                 Register::WorkOffset {
                     name: "G54".into(),

@@ -4,7 +4,7 @@
 //! entry of [`MIGRATIONS`] and is never edited once released; the database is copied before the first step touches it.
 
 use crate::{StoreError, whole_file};
-use rusqlite::Connection;
+use rusqlite::{Connection, OpenFlags};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -12,7 +12,11 @@ use std::time::Duration;
 const APPLICATION_ID: i64 = 0x544d_524b;
 
 /// One entry a version: entry 0 makes version 1 of an empty file.
-pub(crate) const MIGRATIONS: &[&str] = &[include_str!("schema/1.sql"), include_str!("schema/sizing.sql")];
+pub(crate) const MIGRATIONS: &[&str] = &[
+    include_str!("schema/1.sql"),
+    include_str!("schema/holds.sql"),
+    include_str!("schema/sizing.sql"),
+];
 
 /// Opens the database at `path`, making or migrating it.
 pub(crate) fn open(path: &Path, migrations: &[&str]) -> Result<Connection, StoreError> {
@@ -37,22 +41,73 @@ pub(crate) fn open(path: &Path, migrations: &[&str]) -> Result<Connection, Store
     if found > 0 && found < known {
         copy(&connection, path, found)?;
     }
-    for (done, step) in migrations.iter().enumerate().skip(found.max(0) as usize) {
-        // One transaction a step, the version number inside it: killed at any moment, the file has the old version or the new one.
-        let transaction = connection.transaction().map_err(failed)?;
-        transaction.execute_batch(step).map_err(failed)?;
-        transaction
-            .pragma_update(None, "user_version", done as i64 + 1)
-            .map_err(failed)?;
-        transaction
-            .pragma_update(None, "application_id", APPLICATION_ID)
-            .map_err(failed)?;
-        transaction.commit().map_err(failed)?;
-    }
+    migrate(&mut connection, found, migrations).map_err(failed)?;
     // WAL: readers (a person's own sqlite3, a report) never stop the writer, and a commit is one sequential write. Set last, because
     // it changes the file: a database that we refuse is left as it was.
     connection.pragma_update(None, "journal_mode", "WAL").map_err(failed)?;
     Ok(connection)
+}
+
+fn migrate(connection: &mut Connection, found: i64, migrations: &[&str]) -> rusqlite::Result<()> {
+    for (done, step) in migrations.iter().enumerate().skip(found.max(0) as usize) {
+        // One transaction a step, the version number inside it: killed at any moment, the file has the old version or the new one.
+        let transaction = connection.transaction()?;
+        transaction.execute_batch(step)?;
+        transaction.pragma_update(None, "user_version", done as i64 + 1)?;
+        transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
+        transaction.commit()?;
+    }
+    Ok(())
+}
+
+/// Opens the database at `path` to be read, without a change to its file. An older one is migrated in memory.
+pub(crate) fn read(path: &Path, migrations: &[&str]) -> Result<Connection, StoreError> {
+    let failed = |source| StoreError::Database {
+        path: path.to_owned(),
+        source,
+    };
+    let text = path.to_str().ok_or_else(|| StoreError::NotUnicode(path.to_owned()))?;
+    let wal = crate::directory::beside(path, "-wal");
+    // Without a log to be read the file alone is the database, also on a medium that cannot be written; the caller keeps writers out.
+    let alone = wal.metadata().map_or(true, |m| m.len() == 0);
+    let uri = format!(
+        "file:{}?mode=ro{}",
+        text.replace('%', "%25").replace('?', "%3f").replace('#', "%23"),
+        if alone { "&immutable=1" } else { "" }
+    );
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_URI | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    let disk = Connection::open_with_flags(uri, flags).map_err(failed)?;
+    disk.busy_timeout(Duration::from_secs(5)).map_err(failed)?;
+    disk.pragma_update(None, "trusted_schema", false).map_err(failed)?;
+    let found = version(&disk).map_err(failed)?;
+    let known = migrations.len() as i64;
+    if !is_ours(&disk, found).map_err(failed)? {
+        return Err(StoreError::NotOurs { path: path.to_owned() });
+    }
+    if found > known {
+        return Err(StoreError::Newer {
+            path: path.to_owned(),
+            found,
+            known,
+        });
+    }
+    if found == known {
+        return Ok(disk);
+    }
+    let mut memory = Connection::open_in_memory().map_err(failed)?;
+    rusqlite::backup::Backup::new(&disk, &mut memory)
+        .and_then(|copy| copy.run_to_completion(1000, Duration::ZERO, None))
+        .map_err(failed)?;
+    migrate(&mut memory, found, migrations).map_err(failed)?;
+    memory.pragma_update(None, "query_only", true).map_err(failed)?;
+    Ok(memory)
+}
+
+/// The tables, triggers and indexes as this program makes them, for comparison.
+pub(crate) fn fresh() -> rusqlite::Result<Connection> {
+    let mut memory = Connection::open_in_memory()?;
+    migrate(&mut memory, 0, MIGRATIONS)?;
+    Ok(memory)
 }
 
 fn settings(connection: &Connection) -> rusqlite::Result<()> {
@@ -115,6 +170,7 @@ fn copy(connection: &Connection, path: &Path, version: i64) -> Result<PathBuf, S
 mod tests {
     use super::*;
 
+    /// What there was first.
     const FIRST: &[&str] = &[MIGRATIONS[0]];
     const LATER: &[&str] = &[MIGRATIONS[0], "ALTER TABLE jobs ADD COLUMN part TEXT;"];
 

@@ -11,7 +11,7 @@ use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// A file in the making. Dropped before [`WholeFile::finish`], it is removed; killed, it stays as `.tmp`.
-pub(crate) struct WholeFile {
+pub struct WholeFile {
     path: PathBuf,
     temporary: Option<PathBuf>,
     file: BufWriter<File>,
@@ -22,7 +22,10 @@ pub(crate) struct WholeFile {
 
 impl WholeFile {
     /// Starts a file that will stand at `path`. What is no regular file (a pipe, `/dev/stdout`) is written directly.
-    pub(crate) fn create(path: &Path) -> Result<WholeFile, StoreError> {
+    ///
+    /// # Errors
+    /// The folder or the file cannot be made.
+    pub fn create(path: &Path) -> Result<WholeFile, StoreError> {
         let special = path.metadata().is_ok_and(|m| !m.is_file());
         let temporary = (!special).then(|| temporary_name(path));
         let opened = temporary.as_deref().unwrap_or(path);
@@ -53,7 +56,10 @@ impl WholeFile {
     }
 
     /// Makes it last: content, then name. Gives length and hash.
-    pub(crate) fn finish(mut self) -> Result<(u64, Hash), StoreError> {
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn finish(mut self) -> Result<(u64, Hash), StoreError> {
         let opened = self.temporary.clone().unwrap_or_else(|| self.path.clone());
         self.file.flush().map_err(StoreError::io("write", &opened))?;
         if let Some(temporary) = &self.temporary {

@@ -361,7 +361,7 @@ fn the_catalogue_chains_files_and_verify_names_what_was_changed() {
     );
     std::fs::write(&first, whole).expect("restored");
     std::fs::copy(&first, folder.path().join("records/strange.parquet")).expect("copied");
-    assert!(findings(&directory)[0].starts_with("record DIR/records/strange.parquet: is not in the catalogue"));
+    assert!(findings(&directory)[0].starts_with("file DIR/records/strange.parquet: the log tells nothing of it"));
 }
 
 #[test]
@@ -382,27 +382,30 @@ fn verify_names_rows_that_were_changed_with_the_triggers_out_of_the_way() {
         forger.execute_batch(sql).expect(sql);
         drop(forger);
         let directory = DataDirectory::open(folder.path(), "test").expect("free");
-        directory
+        let all: Vec<String> = directory
             .verify()
             .expect("verifies")
             .iter()
             .map(ToString::to_string)
-            .collect()
+            .collect();
+        let (gone, changed): (Vec<String>, Vec<String>) = all.into_iter().partition(|f| f.starts_with("trigger "));
+        assert_eq!(gone.len(), triggers.len(), "every trigger that was taken away is named");
+        changed
     };
     assert_eq!(
         forge("UPDATE records SET rows = 999"),
-        ["catalogue row 1: is not the row that was put in"]
+        ["catalogue row 1 (table records): is not the row that was put in"]
     );
     assert_eq!(
         forge("UPDATE events SET kind = 'x' WHERE log = 0 AND sequence = 1")[0],
-        "the log of the data directory: event 1 was changed after it was written"
+        "the log of the data directory (table events, log 0): event 1 was changed after it was written"
     );
     assert_eq!(
         forge("DELETE FROM events WHERE log = 1 AND sequence = 3"),
-        ["the log of job 1: has 2 events with another end than the 3 it had when the job ended"]
+        ["the log of job 1 (table events, log 1): has 2 events with another end than the 3 it had when the job ended"]
     );
     assert_eq!(
         forge("UPDATE events SET detail = '{}' WHERE log = 1 AND sequence = 2")[0],
-        "the log of job 1: event 2 was changed after it was written"
+        "the log of job 1 (table events, log 1): event 2 was changed after it was written"
     );
 }

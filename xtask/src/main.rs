@@ -1,4 +1,4 @@
-//! Chores of the repository: `cargo xtask licences` and `cargo xtask soak NAME`.
+//! Chores of the repository: `cargo xtask licences`, `cargo xtask soak NAME` and `cargo xtask fuzz NAME`.
 //!
 //! A soak is a test of the ordinary suite with a larger count: the test reads its count from the environment, so that the run in CI
 //! and the long one are the same code. Its table is printed ready for `docs/measurements/`.
@@ -34,6 +34,20 @@ const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
         200,
     ),
     (
+        "recording",
+        "store",
+        "a_recording_killed_at_any_moment_has_every_acknowledged_row_once",
+        "KILLS",
+        200,
+    ),
+    (
+        "retention",
+        "store",
+        "a_process_killed_while_it_removes_old_rows_leaves_nothing_half_removed",
+        "KILLS",
+        200,
+    ),
+    (
         "blocks",
         "motion",
         "a_long_program_passes_through_a_bounded_window",
@@ -47,10 +61,11 @@ fn main() -> ExitCode {
     match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["licences"] => licences(),
         ["soak", name] => soak(name),
+        ["fuzz", ref words @ ..] => fuzz(words),
         _ => {
-            eprintln!("usage: cargo xtask licences | cargo xtask soak NAME\nsoaks:");
+            eprintln!("usage: cargo xtask licences | cargo xtask soak NAME | cargo xtask fuzz NAME|all --seconds N\nsoaks:");
             for (name, package, test, _, count) in SOAKS {
-                eprintln!("  {name:8} {package}::{test}, {count} times");
+                eprintln!("  {name:9} {package}::{test}, {count} times");
             }
             ExitCode::from(2)
         }
@@ -96,6 +111,18 @@ fn fits(expression: &str) -> bool {
     let flat = expression.replace(['(', ')'], " ").replace('/', " OR ");
     flat.split(" AND ")
         .all(|part| part.split(" OR ").any(|licence| ALLOWED.contains(&licence.trim())))
+}
+
+/// The loop of `fuzz/`, built as the tests are: overflows and broken promises panic there.
+fn fuzz(words: &[&str]) -> ExitCode {
+    let status = Command::new("cargo")
+        .args(["run", "--quiet", "--locked", "--package", "fuzz", "--"])
+        .args(words)
+        .status();
+    match status.ok().and_then(|s| s.code()) {
+        Some(code) => ExitCode::from(u8::try_from(code).unwrap_or(1)),
+        None => ExitCode::FAILURE,
+    }
 }
 
 fn soak(name: &str) -> ExitCode {

@@ -52,7 +52,7 @@ pub fn demo(args: &DemoArgs, common: &Common) -> Done {
     };
     std::fs::create_dir_all(&folder).map_err(|e| Failure::writing(&folder, e))?;
     let data = common.data.clone().unwrap_or_else(|| folder.join("data"));
-    let mut directory = shop::open_data(&data)?;
+    let mut directory = shop::open_data(&data, common)?;
     let mut story = Story {
         common,
         start,

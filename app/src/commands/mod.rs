@@ -1,24 +1,41 @@
 //! One file for each command of the contract.
 
+pub mod backup;
 pub mod check;
 pub mod compare;
 pub mod demo;
+pub mod hold;
 pub mod inspect;
+pub mod macro_run;
 pub mod plan;
 pub mod rebuild;
+pub mod record;
 pub mod run;
+pub mod trace;
 pub mod size;
 
 use crate::failure::{Exit, Failure};
+use crate::shop;
 use serde::Serialize;
 use units::Millimetres;
 
 /// How a command that did its work ends.
 pub type Done = Result<Exit, Failure>;
 
+/// An answer, and what was said about the data directory on the way.
+#[derive(Serialize)]
+struct WithNotices<'a, A: Serialize> {
+    #[serde(flatten)]
+    answer: &'a A,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    notices: Option<Vec<String>>,
+}
+
 /// Prints the one JSON object of a command.
 pub fn print_json(answer: &impl Serialize) -> Result<(), Failure> {
-    let text = serde_json::to_string_pretty(answer).map_err(|e| Failure::machine(format_args!("the answer is no JSON: {e}")))?;
+    let notices = shop::notices();
+    let text = serde_json::to_string_pretty(&WithNotices { answer, notices })
+        .map_err(|e| Failure::machine(format_args!("the answer is no JSON: {e}")))?;
     crate::say(&text);
     Ok(())
 }

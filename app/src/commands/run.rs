@@ -22,16 +22,18 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let thinned = args.as_mtconnect.as_deref().map(thinning).transpose()?;
     let shifted = args.plant_shift.as_deref().map(planted_shift).transpose()?;
     let start = clock::start_time(common.start.as_deref())?;
-    let program = Program::open(
+    let mut program = Program::open(
         &args.program,
         common.dialect.as_deref(),
         named_machine(&common.machine)?.as_ref(),
     )?;
     let machine = machine_for(&common.machine, program.turns())?;
     let mut directory = shop::data_directory(common)?;
+    shop::retain(&mut directory, &machine, start)?;
     let who = shop::operator(common);
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
     let tables = directory.tables(&machine).map_err(shop::failure)?;
+    program.variables = directory.variables(&machine).map_err(shop::failure)?;
 
     let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
     let all = checks(&found, travels(&machine), &tables);
@@ -80,6 +82,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             "text": done.outcome.ended.text(),
             "machine_time_s": done.outcome.time.0,
             "rows": done.record.rows,
+            "gaps": done.gaps,
             "digest": done.outcome.digest.to_string(),
             "folder": done.folder,
             "checks": all,
@@ -94,6 +97,9 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             minutes(done.outcome.time.0),
             done.record.rows
         ));
+        for gap in &done.gaps {
+            say(&format!("warning: the record has a gap: {gap}"));
+        }
         report::print(&done.rebuild.report, common.units.unwrap_or_default());
         let folder = done.folder.display();
         say(&format!(

@@ -487,7 +487,7 @@ impl<'a> Builder<'a> {
         let feed = match m.speed {
             Speed::Rapid => return self.rapid_speed(&m.path),
             Speed::Feed(Feed::PerTime(speed)) => speed.0,
-            Speed::Feed(Feed::PerRevolution(advance)) => {
+            Speed::Feed(Feed::PerRevolution(advance) | Feed::Thread(plan::Thread { advance, .. })) => {
                 let radius = Millimetres(m.path.at(0.5).xyz[0]);
                 advance.0 * self.modal.spindle.revolutions(radius).0 / 60.0
             }

@@ -147,6 +147,7 @@ fn numbers(value: &Value) -> Option<[f64; 3]> {
 fn of_spindle(spindle: &SpindleState) -> Value {
     let (direction, mode) = match spindle {
         SpindleState::Stopped => return json!({ "direction": "stopped" }),
+        SpindleState::Oriented => return json!({ "direction": "stopped", "oriented": true }),
         SpindleState::Clockwise(mode) => ("cw", mode),
         SpindleState::Counterclockwise(mode) => ("ccw", mode),
     };
@@ -164,10 +165,12 @@ pub(crate) fn of_question(question: &Question, answer: Answer) -> Detail {
         Question::OptionalStop => json!("optional stop"),
         Question::Condition(condition) => json!(format!("{condition:?}")),
         Question::Number(name) => json!(name),
+        Question::Skip { to, .. } => json!({ "skip_on_the_way_to": to.xyz }),
     };
     let answered = match answer {
         Answer::Number(value) => json!(value),
         Answer::Truth(truth) => json!(truth),
+        Answer::Place(place) => json!(place.map(|p| p.xyz)),
         Answer::Unknown => json!("unknown"),
     };
     detail(json!({ "question": asked, "answer": answered }))

@@ -122,6 +122,26 @@ enum Pending {
     Alarm(Alarm),
 }
 
+/// What the machine itself can answer: where its axes are, by their encoders, and the time.
+fn of_the_machine(question: &Question, sample: &Sample, start: Timestamp) -> Answer {
+    let Question::Number(name) = question else {
+        return Answer::Unknown;
+    };
+    for (index, axis) in ["X", "Y", "Z"].iter().enumerate() {
+        let (actual, commanded) = (sample.actual[index], sample.commanded[index]);
+        match name.strip_prefix(axis) {
+            Some(".POSITION.ACTUAL") => return Answer::Number(Some(actual)),
+            Some(".POSITION.DEVIATION") => return Answer::Number(Some(commanded - actual)),
+            _ => {}
+        }
+    }
+    match name.as_str() {
+        "EQUIPMENT_TIMER.POWERED" | "EQUIPMENT_TIMER.WORKING" => Answer::Number(Some(sample.tick.seconds().0)),
+        "CLOCK_TIME" => Answer::Number(Some(start.at(sample.tick).0 as f64 / 1e9)),
+        _ => Answer::Unknown,
+    }
+}
+
 impl<'a, S: CommandSource> OfficeHalf<'a, S> {
     /// An office half for one run that begins at `start`. Events go on the end of `chain`.
     pub fn new(source: S, operator: Operator, start: Timestamp, chain: Chain) -> Self {
@@ -153,7 +173,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         }
     }
 
-    /// Answers questions other than the optional stop; without it they are answered by [`Answer::Unknown`].
+    /// Answers questions other than the optional stop; what it does not know, and without it, the machine answers: places and times.
     pub fn answered_by(mut self, answers: Answers<'a>) -> Self {
         self.answers = Some(answers);
         self
@@ -378,8 +398,11 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         let Some(question) = self.asked.take() else { return };
         let answer = match (&question, &mut self.answers) {
             (Question::OptionalStop, _) => Answer::Truth(self.operator.optional_stop),
-            (_, Some(answers)) => answers(&question, &report.sample),
-            (_, None) => Answer::Unknown,
+            (_, Some(answers)) => match answers(&question, &report.sample) {
+                Answer::Unknown => of_the_machine(&question, &report.sample, self.start),
+                known => known,
+            },
+            (_, None) => of_the_machine(&question, &report.sample, self.start),
         };
         let data = events::of_question(&question, answer);
         self.emit("question", self.last_step, report.sample.tick, data, sink);

@@ -80,6 +80,7 @@ impl GcodeProgram {
                         self.ended = true;
                         Ok(())
                     }
+                    Act::Flow(Flow::Contour(request)) => self.read_contour(request),
                     Act::Flow(Flow::Call { program, times, at }) => self.call(ProgramCall {
                         program,
                         times,
@@ -129,7 +130,7 @@ impl GcodeProgram {
     }
 
     /// To a block of the current file; gives its kept line.
-    fn go_to(&mut self, place: Place) -> Option<u32> {
+    pub(crate) fn go_to(&mut self, place: Place) -> Option<u32> {
         self.next_kept = self.kept.find(self.current, place.offset);
         if self.next_kept.is_none() {
             self.seek(self.current, place);

@@ -164,7 +164,9 @@ impl Reading {
                 let (kind, feed) = match m.speed {
                     Speed::Rapid => ("rapid", None),
                     Speed::Feed(Feed::PerTime(v)) => ("feed", Some(v.0)),
-                    Speed::Feed(Feed::PerRevolution(f)) => ("feed", Some(f.0 * self.spindle.revolutions(radius).0 / 60.0)),
+                    Speed::Feed(Feed::PerRevolution(f) | Feed::Thread(plan::Thread { advance: f, .. })) => {
+                        ("feed", Some(f.0 * self.spindle.revolutions(radius).0 / 60.0))
+                    }
                     Speed::Feed(Feed::WholeMove(_)) => ("feed", None),
                 };
                 self.moved(id, kind, feed, m.path.length(), radius);
@@ -234,7 +236,7 @@ impl Reading {
             feed_mm_s: None,
             spindle_rpm: self.spindle.revolutions(radius).0,
             spindle_direction: match self.spindle {
-                SpindleState::Stopped => "stopped",
+                SpindleState::Stopped | SpindleState::Oriented => "stopped",
                 SpindleState::Clockwise(_) => "cw",
                 SpindleState::Counterclockwise(_) => "ccw",
             },

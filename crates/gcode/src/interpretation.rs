@@ -27,6 +27,8 @@ pub struct Setup {
     pub control: Option<String>,
     /// Block-skip switches that are on: 1 to 9.
     pub block_skip: Vec<u8>,
+    /// Blocks in a row without a move after which it counts as endless.
+    pub most_blocks_at_rest: Option<u64>,
 }
 
 /// Mill or lathe.
@@ -207,6 +209,7 @@ impl Setup {
             variables: self.vars.iter().filter_map(|(n, v)| v.map(|v| (*n, v))).collect(),
             inches: self.units == Unit::Inch,
             block_skip: self.block_skip.iter().fold(0, |bits, n| bits | 1 << (n.clamp(&1, &9) - 1)),
+            most_blocks_at_rest: self.most_blocks_at_rest.unwrap_or(Options::default().most_blocks_at_rest),
             ..Options::default()
         }
     }
@@ -266,7 +269,7 @@ fn finish(mut program: GcodeProgram) -> Interpretation {
 fn of_its_own(question: &Question) -> Answer {
     match question {
         Question::OptionalStop => Answer::Truth(false),
-        Question::Condition(_) | Question::Number(_) => Answer::Unknown,
+        Question::Condition(_) | Question::Number(_) | Question::Skip { .. } => Answer::Unknown,
     }
 }
 

@@ -6,9 +6,14 @@
 
 use crate::block::{Block, Code, Word};
 use crate::calls::ModalCall;
+use crate::compensation::Compensation;
+use crate::corner::Corner;
+use crate::cycles::drilling::Cycle;
+use crate::cycles::roughing::ContourRequest;
+use crate::cycles::turning::Single;
+use crate::cycles::{Expansion, TurningCycles};
 use crate::fault::{Fault, Outcome, Site};
 use crate::macro_b::{MacroRules, Memory};
-use crate::motion::Cycle;
 use crate::offsets::{WorkFrame, WorkKey};
 use crate::parameters::Settings;
 use crate::profile::{FeedMode, G, M, Motion, Once, Plane, Profile, Side};
@@ -29,10 +34,12 @@ pub(crate) enum Item {
 }
 
 /// What happens behind a block.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Flow {
     NextBlock,
     End,
+    /// G70 to G73: the contour is read, then the cycle begins.
+    Contour(ContourRequest),
     /// M98, at this byte.
     Call {
         program: u32,
@@ -80,8 +87,19 @@ pub(crate) struct Interpreter {
     pub feed_mode: FeedMode,
     /// In force, in the unit of the feed mode: mm/s, mm, or seconds.
     pub feed: Option<f64>,
+    /// F as written, in mm: the lead of a thread.
+    pub last_f: Option<f64>,
+    /// The last move was a thread: another one goes on without waiting for the spindle's mark.
+    pub threading: bool,
     pub side: Side,
     pub cycle: Option<Cycle>,
+    pub compensation: Compensation,
+    pub corner: Corner,
+    /// A cycle that is being told, pass by pass; no line is read before it is over.
+    pub expansion: Option<Box<dyn Expansion>>,
+    pub turning_cycles: TurningCycles,
+    /// Where the last G31 stopped.
+    pub skip_position: [f64; 3],
     pub return_to_r: bool,
     pub path_mode: PathMode,
 
@@ -135,8 +153,6 @@ pub(crate) struct Interpreter {
     pub moved_since_stop: bool,
     /// How far the programmed place is from the tip: offsets that came into force since the axis was named.
     pub carried: [f64; 3],
-    /// Where the last G31 met the skip signal, as a place of the tip.
-    pub skip_position: Option<[f64; 3]>,
     pub trace: Trace,
 }
 
@@ -202,8 +218,15 @@ impl Interpreter {
                 FeedMode::PerMinute
             },
             feed: None,
+            last_f: None,
+            threading: false,
             side: Side::On,
             cycle: None,
+            compensation: Compensation::default(),
+            corner: Corner::default(),
+            expansion: None,
+            turning_cycles: TurningCycles::default(),
+            skip_position: [0.0; 3],
             return_to_r: false,
             path_mode: PathMode::Tolerance(None),
             turning: Turning::Stopped,
@@ -239,7 +262,6 @@ impl Interpreter {
             moved: false,
             moved_since_stop: false,
             carried: [0.0; 3],
-            skip_position: None,
             trace: Trace::default(),
         };
         new.tip = new.tables.position.xyz;
@@ -330,6 +352,7 @@ impl Interpreter {
 
     /// The steps behind the last block: everything off, everything closed.
     pub(crate) fn finish(&mut self) {
+        self.interrupt_compensation();
         self.turning = Turning::Stopped;
         self.say_spindle();
         self.set_coolant(CoolantState::default());
@@ -341,7 +364,7 @@ impl Interpreter {
     }
 
     pub(crate) fn emit(&mut self, kind: StepKind) {
-        self.out.push_back(Item::Step(self.origin, kind));
+        self.push(Item::Step(self.origin, kind));
     }
 
     /// Notes a finding about this line; its text is made only the first time.
@@ -469,6 +492,16 @@ impl Interpreter {
             None => self.move_tip(block, said.exact_stop, site)?,
         }
         self.note_unused(block, site);
+        if let Some(fault) = self.compensation.fault.take() {
+            return Err(fault);
+        }
+        if let Some(request) = self.turning_cycles.request {
+            self.turning_cycles.request = None;
+            return Ok(Flow::Contour(request));
+        }
+        if !m_codes.is_empty() {
+            self.go_on_to_the_end()?;
+        }
         self.after_motion(m_codes, block, site)
     }
 
@@ -506,6 +539,7 @@ impl Interpreter {
                     self.motion = motion;
                     self.motion_said = true;
                     self.cycle = None;
+                    self.turning_cycles.single = None;
                     said.motion = true;
                 }
                 G::Plane(plane) => self.plane = plane,
@@ -525,7 +559,18 @@ impl Interpreter {
                 G::Length(sign) => said.length = Some((sign, at)),
                 G::Drill(kind) => {
                     said.drill = true;
-                    self.begin_cycle(kind, code.code / 10);
+                    self.begin_cycle(kind, code.code / 10, false);
+                }
+                G::SideDrill(kind) => {
+                    said.drill = true;
+                    self.begin_cycle(kind, code.code / 10, true);
+                }
+                G::Single(kind) => {
+                    self.cycle = None;
+                    self.motion_said = true;
+                    if self.turning_cycles.single.is_none_or(|s| s.kind != kind) {
+                        self.turning_cycles.single = Some(Single::new(kind));
+                    }
                 }
                 G::DrillEnd => self.cycle = None,
                 G::ReturnToR(on) => self.return_to_r = on,
@@ -599,6 +644,7 @@ impl Interpreter {
             });
             return Ok(());
         }
+        self.last_f = Some(f.value * self.unit());
         self.feed = Some(match self.feed_mode {
             FeedMode::PerMinute => f.value * self.unit() / 60.0,
             FeedMode::PerRevolution => f.value * self.unit(),
@@ -648,7 +694,10 @@ impl Interpreter {
                 }
                 _ => {}
             }
-            if on && let Some(d) = block.take(b'D') {
+            if on
+                && !self.profile.turning
+                && let Some(d) = block.take(b'D')
+            {
                 self.spindle_limit = Some(Rpm(d.value.max(0.0)));
             }
         }
@@ -674,12 +723,17 @@ impl Interpreter {
                 self.revolutions = s.value;
             }
         }
+        let mut oriented = self.spindle == SpindleState::Oriented;
         for m in m_codes {
             match self.m_meaning(*m)? {
                 M::Clockwise => self.start_spindle(Turning::Clockwise, m.at, site),
                 M::Counterclockwise => self.start_spindle(Turning::Counterclockwise, m.at, site),
                 M::SpindleStop => self.turning = Turning::Stopped,
                 M::RigidTapping => self.rigid_tapping = true,
+                M::Orient => {
+                    self.orient();
+                    oriented = true;
+                }
                 _ => {}
             }
         }
@@ -693,7 +747,10 @@ impl Interpreter {
                 )
             });
         }
-        self.say_spindle();
+        // An oriented spindle stays so until something turns it.
+        if !(oriented && self.turning == Turning::Stopped) {
+            self.say_spindle();
+        }
         Ok(())
     }
 
@@ -796,7 +853,7 @@ impl Interpreter {
                     self.moved_since_stop = false;
                     self.emit(StepKind::Stop(StopKind::Program));
                 }
-                M::OptionalStop => self.out.push_back(Item::Ask(self.origin, Question::OptionalStop)),
+                M::OptionalStop => self.push(Item::Ask(self.origin, Question::OptionalStop)),
                 M::End => {
                     self.finish();
                     flow = Flow::End;
@@ -1004,6 +1061,10 @@ impl Interpreter {
                 Ok(())
             }
             Once::ExactStop => Ok(()), // handled with the move
+            Once::Skip => self.skip(at, block, site),
+            Once::Contour(cycle) => self.contour_cycle(cycle, at, block, site),
+            Once::PeckColumns(deep) => self.peck_cycle(deep, at, block, site),
+            Once::ThreadCycle => self.thread_cycle(at, block, site),
         }
     }
 

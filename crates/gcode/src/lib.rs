@@ -4,16 +4,19 @@
 //! block's steps are handed on before the next one is read. Families of controls are data ([`PROFILES`]); [`detect()`] guesses the family
 //! and says why. [`inspect`](inspect::inspect) makes the tree of any program stream.
 //!
-//! What it deliberately does not do yet, and alarms about with line and column: branches, loops and calls of Custom Macro B, the canned
-//! cycles of lathes, cutter compensation with a radius, threading, scaling, rotation and polar coordinates.
+//! What it deliberately does not do yet, and alarms about with line and column: scaling, rotation, mirror image and polar coordinates,
+//! threads with a variable lead, and angles of a contour.
 //!
-//! Read on: [`program`] for the stream, `interpreter` for the meaning of a block, [`macro_b`] for expressions, [`profile`] for what
-//! differs between controls.
+//! Read on: [`program`] for the stream, `interpreter` for the meaning of a block, `cycles` for blocks that stand for many moves,
+//! `compensation` for the path beside the contour, [`macro_b`] for expressions, [`profile`] for what differs between controls.
 
 mod acting;
 mod arc;
 mod block;
 mod calls;
+mod compensation;
+mod corner;
+mod cycles;
 pub mod detect;
 mod evaluate;
 mod expression;

@@ -202,7 +202,8 @@ impl Line {
             }
         };
         match (letter, source) {
-            (b'O', Source::Number(value)) => {
+            // O names a program at the head of its line only.
+            (b'O', Source::Number(value)) if self.words.iter().all(|w| w.letter == b'N') => {
                 if !(0.0..=99_999_999.0).contains(&value) || has_point {
                     return Err(Fault::new(
                         at,

@@ -1,43 +1,18 @@
-//! Moves: straight ones, arcs, drilling cycles, and moves of the machine's axes.
+//! Moves: straight ones, arcs, the skip function, and moves of the machine's axes.
 
 use crate::arc::{ArcFault, Circle, Request, solve};
 use crate::block::Block;
 use crate::fault::{Fault, Outcome, Site};
-use crate::interpreter::{Interpreter, MOST_ITEMS, Turning, g_name, missing_word};
-use crate::profile::{Drilling, FeedMode, Motion};
-use plan::{MachineMove, Move, Path, PathMode, Severity, Speed, SpindleState, StepKind};
-use units::{Millimetres, Point, Seconds, Setup};
-
-/// A drilling cycle in force, with the words that hold from hole to hole.
-#[derive(Clone, Debug)]
-pub(crate) struct Cycle {
-    kind: Drilling,
-    /// Its G number.
-    pub code: u16,
-    /// Level of the tip along the drilling axis when the cycle began.
-    initial: f64,
-    /// R, mm, and whether it counts from the initial level.
-    r: Option<(f64, bool)>,
-    /// Depth, mm, and whether it counts from R.
-    depth: Option<(f64, bool)>,
-    peck: f64,
-    dwell: f64,
-}
-
-/// How a hole is left.
-#[derive(Clone, Copy, PartialEq)]
-enum Retract {
-    Rapid,
-    Feed,
-    Stopped,
-    Reversed,
-}
+use crate::interpreter::{Interpreter, Item, missing_word};
+use crate::profile::Motion;
+use plan::{Answer, Feed, MachineMove, Path, PathMode, Question, Severity, Speed, StepKind};
+use units::{Millimetres, Point, Setup};
 
 impl Interpreter {
     // ---- straight moves and arcs
 
     /// The places that the block's axis words name; `None` when there are none.
-    fn target(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<Option<[f64; 3]>> {
+    pub(crate) fn target(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<Option<[f64; 3]>> {
         let mut to = self.tip;
         let mut named = [false; 3];
         let mut any = false;
@@ -71,6 +46,9 @@ impl Interpreter {
         if self.cycle.is_some() {
             return self.drill(block, site);
         }
+        if self.turning_cycles.single.is_some() {
+            return self.single_cycle(block, site);
+        }
         let at = self.axis_at(block);
         let arc = matches!(self.motion, Motion::Clockwise | Motion::Counterclockwise);
         let circle_words = arc && block.has_any(b"IJKR");
@@ -97,10 +75,21 @@ impl Interpreter {
             Motion::Rapid => self.line(to, Speed::Rapid),
             Motion::Straight => {
                 let feed = Speed::Feed(self.feed(at)?);
+                self.take_corner(block, site)?;
                 self.line(to, feed);
+                if self.corner.asked.take().is_some() {
+                    return Err(Fault::new(
+                        at,
+                        55,
+                        "corner",
+                        "a corner behind a move without length",
+                        "take the corner out",
+                    ));
+                }
             }
             Motion::Clockwise => self.arc(to, false, at, block, site)?,
             Motion::Counterclockwise => self.arc(to, true, at, block, site)?,
+            Motion::Thread => self.thread_to(to, at, block, site)?,
         }
         if exact_stop {
             self.emit(StepKind::PathMode(self.path_mode));
@@ -112,7 +101,7 @@ impl Interpreter {
     }
 
     /// What has to be so before the tip moves in the frame.
-    fn prepare_move(&mut self, at: usize, site: Site<'_>) -> Outcome<()> {
+    pub(crate) fn prepare_move(&mut self, at: usize, site: Site<'_>) -> Outcome<()> {
         if !self.units_said {
             self.units_said = true;
             self.note(Severity::Remark, "no-units", site, at, || {
@@ -129,7 +118,7 @@ impl Interpreter {
     }
 
     /// Column of the block's first axis word, or of the block.
-    fn axis_at(&self, block: &Block) -> usize {
+    pub(crate) fn axis_at(&self, block: &Block) -> usize {
         self.profile
             .axes
             .iter()
@@ -140,7 +129,7 @@ impl Interpreter {
     }
 
     /// A straight move of the tip; none when it is there already.
-    fn line(&mut self, to: [f64; 3], speed: Speed) {
+    pub(crate) fn line(&mut self, to: [f64; 3], speed: Speed) {
         let from = self.tip;
         if from == to {
             return;
@@ -155,7 +144,7 @@ impl Interpreter {
         );
     }
 
-    fn follow_path(&mut self, path: Path<Setup>, speed: Speed, to: [f64; 3]) {
+    pub(crate) fn follow_path(&mut self, path: Path<Setup>, speed: Speed, to: [f64; 3]) {
         self.tip = to;
         if self.options.trace {
             self.nominal += nominal_seconds(&path, speed);
@@ -165,12 +154,12 @@ impl Interpreter {
                 _ => 1,
             });
         }
-        self.emit(StepKind::Move(Move {
-            path,
-            speed,
-            profile: None,
-            derived: false,
-        }));
+        self.moved = true;
+        self.moved_since_stop = true;
+        self.threading = matches!(speed, Speed::Feed(Feed::Thread(_)));
+        if let Err(fault) = self.round(path, speed) {
+            self.compensation.fault.get_or_insert(fault);
+        }
     }
 
     /// Takes down where a move ends, as the program would write it.
@@ -365,6 +354,7 @@ impl Interpreter {
     }
 
     fn move_machine(&mut self, to: [Option<Millimetres>; 3]) {
+        self.interrupt_compensation();
         for (axis, target) in to.into_iter().enumerate() {
             if let Some(target) = target {
                 self.place_axis(axis, target.0);
@@ -376,6 +366,7 @@ impl Interpreter {
         if self.options.trace {
             self.trace_move(0);
         }
+        self.threading = false;
         self.emit(StepKind::MachineMove(MachineMove { to }));
     }
 
@@ -437,253 +428,67 @@ impl Interpreter {
         self.home(at, place, block, site)
     }
 
-    // ---- drilling
+    // ---- the skip function
 
-    /// Takes up a cycle; words of an earlier one of the same run hold on.
-    pub(crate) fn begin_cycle(&mut self, kind: Drilling, code: u16) {
-        let initial = self.tip[self.plane.axes()[2]];
-        match &mut self.cycle {
-            Some(cycle) => (cycle.kind, cycle.code) = (kind, code),
-            None => {
-                self.cycle = Some(Cycle {
-                    kind,
-                    code,
-                    initial,
-                    r: None,
-                    depth: None,
-                    peck: 0.0,
-                    dwell: 0.0,
-                });
-            }
-        }
-    }
-
-    /// A block with a drilling cycle in force: a hole wherever it names a place, a depth or R.
-    fn drill(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        let Some(mut cycle) = self.cycle.clone() else { return Ok(()) };
-        let at = self.axis_at(block);
-        let [_, _, c] = self.plane.axes();
-        let depth_letter = [b'X', b'Y', b'Z'][c];
-        let drills = block.has_any(b"XYZR");
-        // R counts from the initial level and the depth from R when they are incremental.
-        let words: [(u8, &mut Option<(f64, bool)>); 2] = [(b'R', &mut cycle.r), (depth_letter, &mut cycle.depth)];
-        for (letter, place) in words {
-            if let Some(w) = block.take(letter) {
-                *place = Some((self.length(letter, w, site), self.incremental));
-            }
-        }
-        if let Some(q) = block.take(b'Q') {
-            cycle.peck = self.length(b'Q', q, site);
-            if cycle.peck < 0.0 {
-                return Err(Fault::new(q.at, 0, "peck-negative", "a peck cannot be negative", "correct Q"));
-            }
-        }
-        if let Some(p) = block.take(b'P') {
-            cycle.dwell = (p.value * self.dwell_factor(p)).max(0.0);
-        }
-        let count = match block.take(b'K').or_else(|| block.take(b'L')) {
-            Some(k) => Self::whole(k, 'K', 9999)?,
-            None => 1,
-        };
-        let result = if drills {
-            self.holes(&cycle, count, at, block, site)
-        } else {
-            Ok(())
-        };
-        self.cycle = Some(cycle);
-        result
-    }
-
-    fn holes(&mut self, cycle: &Cycle, count: u32, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        let [_, _, c] = self.plane.axes();
-        let name = g_name(cycle.code * 10);
-        let (Some((r, r_adds)), Some((depth, depth_adds))) = (cycle.r, cycle.depth) else {
-            return Err(missing_word(at, &name, "R and a depth"));
-        };
-        let r = if r_adds { cycle.initial + r } else { r };
-        let bottom = if depth_adds { r + depth } else { depth };
-        if bottom > r {
+    /// G31: straight towards a place until the skip signal comes. The machine is asked where that is; it answers when all is done.
+    pub(crate) fn skip(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
+        if self.compensation.is_wanted() {
             return Err(Fault::new(
                 at,
-                0,
-                "cycle-depth",
-                format!("the bottom of the hole ({bottom:.4} mm) lies above R ({r:.4} mm)"),
-                "correct R or the depth",
+                36,
+                "skip-compensated",
+                "G31 while cutter compensation is in force",
+                "cancel it with G40 first",
             ));
         }
-        if matches!(cycle.kind, Drilling::Peck | Drilling::ChipBreak) && cycle.peck <= 0.0 {
-            return Err(Fault::new(
-                at,
-                45,
-                "word-missing",
-                format!("{name} without Q"),
-                "add Q, the depth of a peck",
-            ));
-        }
+        self.interrupt_compensation();
+        let Some(to) = self.target(block, site)? else {
+            return Err(missing_word(at, "G31", "an axis word"));
+        };
+        let feed = self.feed(at)?;
         self.prepare_move(at, site)?;
-        let level = if self.return_to_r { r } else { cycle.initial.max(r) };
-        let first_place = self.places(block, site)?;
-        let step: [f64; 3] = std::array::from_fn(|k| if self.incremental { first_place[k] - self.tip[k] } else { 0.0 });
-        let mut place = first_place;
-        for hole in 0..count {
-            if hole > 0 {
-                place = std::array::from_fn(|k| place[k] + step[k]);
-            }
-            if self.profile.raises_before_hole && self.tip[c] < r {
-                self.along(c, r, Speed::Rapid);
-            }
-            place[c] = self.tip[c];
-            self.line(place, Speed::Rapid);
-            self.along(c, r, Speed::Rapid);
-            self.hole(cycle, r, bottom, level, at)?;
-        }
+        self.push(Item::Ask(
+            self.origin,
+            Question::Skip {
+                from: Point::from_xyz(self.tip),
+                to: Point::from_xyz(to),
+                feed,
+            },
+        ));
         Ok(())
     }
 
-    /// Where the block's words for the plane point; the drilling axis stays.
-    fn places(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<[f64; 3]> {
-        let c = self.plane.axes()[2];
-        let mut to = self.tip;
-        for word in self.profile.axes.iter().filter(|w| w.axis != c) {
-            if let Some(w) = block.take(word.letter) {
-                let value = self.length(word.letter, w, site) * word.factor;
-                let adds = word.incremental.unwrap_or(self.incremental);
-                to[word.axis] = if adds { self.tip[word.axis] + value } else { value };
-            }
-        }
-        Ok(to)
-    }
-
-    /// Moves one axis.
-    fn along(&mut self, axis: usize, to: f64, speed: Speed) {
-        let mut place = self.tip;
-        place[axis] = to;
-        self.line(place, speed);
-    }
-
-    /// One hole, from R down and back.
-    fn hole(&mut self, cycle: &Cycle, r: f64, bottom: f64, level: f64, at: usize) -> Outcome<()> {
-        let c = self.plane.axes()[2];
-        let (dwells, retract) = match cycle.kind {
-            Drilling::Plain | Drilling::Peck | Drilling::ChipBreak => (false, Retract::Rapid),
-            Drilling::Dwell => (true, Retract::Rapid),
-            Drilling::Ream => (false, Retract::Feed),
-            Drilling::ReamDwell => (true, Retract::Feed),
-            Drilling::Bore => (false, Retract::Stopped),
-            Drilling::Tap | Drilling::LeftTap => (true, Retract::Reversed),
+    /// Goes where the machine says the signal came, or all the way.
+    pub(crate) fn skip_answered(&mut self, question: &Question, answer: Answer) {
+        let Question::Skip { to, feed, .. } = question else { return };
+        let line = match self.origin.place {
+            plan::Place::Text { line, .. } => line,
+            _ => 0,
         };
-        let before = self.turning;
-        if retract == Retract::Reversed {
-            // Rigid tapping turns the spindle for the hole only; else it turns already.
-            self.turning = if cycle.kind == Drilling::Tap {
-                Turning::Clockwise
-            } else {
-                Turning::Counterclockwise
-            };
-            self.say_spindle();
-        }
-        let feed = self.drilling_feed(cycle, at)?;
-        match cycle.kind {
-            Drilling::Peck | Drilling::ChipBreak => self.pecks(cycle, r, bottom, feed, at)?,
-            _ => self.along(c, bottom, feed),
-        }
-        if dwells && cycle.dwell > 0.0 {
-            self.emit(StepKind::Dwell(Seconds(cycle.dwell)));
-        }
-        match retract {
-            Retract::Rapid => {}
-            Retract::Feed => self.along(c, r, feed),
-            Retract::Stopped => {
-                self.turning = Turning::Stopped;
-                self.say_spindle();
+        let site = Site { text: b"", number: line };
+        let stopped = match answer {
+            Answer::Place(Some(place)) => place,
+            Answer::Place(None) => {
+                self.note(Severity::Warning, "skip-no-signal", site, 0, || {
+                    (
+                        "no skip signal came on the way of G31: its end point is taken".to_owned(),
+                        "test #5061 against the end point in the program".to_owned(),
+                    )
+                });
+                *to
             }
-            Retract::Reversed => {
-                self.turning = match self.turning {
-                    Turning::Clockwise => Turning::Counterclockwise,
-                    _ => Turning::Clockwise,
-                };
-                self.say_spindle();
-                self.along(c, r, feed);
-                self.turning = before;
-                self.say_spindle();
+            _ => {
+                self.note(Severity::Warning, "skip-no-probe", site, 0, || {
+                    (
+                        "this machine has no skip signal: G31 goes to its end point, and that is what #5061 shows".to_owned(),
+                        "what the program measures here is not measured".to_owned(),
+                    )
+                });
+                *to
             }
-        }
-        self.along(c, level, Speed::Rapid);
-        if retract == Retract::Stopped {
-            self.turning = before;
-            self.say_spindle();
-        }
-        if self.out.len() > MOST_ITEMS {
-            return Err(Fault::new(
-                at,
-                0,
-                "cycle-too-long",
-                format!("this block makes more than {MOST_ITEMS} moves"),
-                "check Q and the number of holes",
-            ));
-        }
-        Ok(())
-    }
-
-    fn drilling_feed(&mut self, cycle: &Cycle, at: usize) -> Outcome<Speed> {
-        let taps = matches!(cycle.kind, Drilling::Tap | Drilling::LeftTap);
-        if taps && self.feed_mode != FeedMode::InverseTime && self.spindle_is_slow() {
-            return Err(Fault::new(
-                at,
-                0,
-                "no-spindle-speed",
-                "tapping without a spindle speed",
-                "write S, with M29 or M3, before the cycle",
-            ));
-        }
-        Ok(Speed::Feed(self.feed(at)?))
-    }
-
-    fn spindle_is_slow(&self) -> bool {
-        match self.spindle {
-            SpindleState::Stopped => true,
-            other => other.revolutions(Millimetres(self.tip[0])).0 <= 0.0,
-        }
-    }
-
-    /// Down in pecks: out to R after each (G83), or back a little (G73).
-    fn pecks(&mut self, cycle: &Cycle, r: f64, bottom: f64, feed: Speed, at: usize) -> Outcome<()> {
-        let c = self.plane.axes()[2];
-        let clearance = self.profile.peck_clearance.min(cycle.peck);
-        if (r - bottom) / cycle.peck * 3.0 > MOST_ITEMS as f64 {
-            return Err(Fault::new(
-                at,
-                0,
-                "cycle-too-long",
-                format!("pecks of {} mm are too many for a hole of {:.3} mm", cycle.peck, r - bottom),
-                "check Q",
-            ));
-        }
-        let mut reached = r;
-        loop {
-            let next = (reached - cycle.peck).max(bottom);
-            if next >= reached && reached > bottom {
-                return Err(Fault::new(
-                    at,
-                    0,
-                    "cycle-too-long",
-                    "this peck is lost in the size of the numbers",
-                    "check Q, R and the depth",
-                ));
-            }
-            self.along(c, next, feed);
-            reached = next;
-            if reached <= bottom {
-                return Ok(());
-            }
-            match cycle.kind {
-                Drilling::Peck => {
-                    self.along(c, r, Speed::Rapid);
-                    self.along(c, reached + clearance, Speed::Rapid);
-                }
-                _ => self.along(c, reached + clearance, Speed::Rapid),
-            }
-        }
+        };
+        self.skip_position = stopped.xyz;
+        self.line(stopped.xyz, Speed::Feed(*feed));
     }
 }
 

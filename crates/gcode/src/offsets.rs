@@ -147,6 +147,7 @@ impl Interpreter {
 
     /// Changes parts of the frame; the machine stands still.
     fn change_frame(&mut self, change: impl FnOnce(&mut WorkFrame)) {
+        self.interrupt_compensation();
         let gauge = self.gauge();
         let before = (self.frame.origin(), self.frame.key, self.frame.assumed);
         change(&mut self.frame);
@@ -212,13 +213,19 @@ impl Interpreter {
     /// Writes one axis of a work offset in the reader's copy; the frame follows when it is in force.
     pub(crate) fn write_work_offset(&mut self, key: WorkKey, axis: usize, origin: f64) {
         let name = key.name();
+        let before = self.tables.work_offsets.get(&name).map_or(0.0, |t| t.origin[axis]);
         if !self.tables.work_offsets.contains_key(&name) {
             self.frame.set_by_program.insert(key, [false; 3]);
         }
         if let Some(axes) = self.frame.set_by_program.get_mut(&key) {
             axes[axis] = true;
         }
+        let register = plan::Register::WorkOffset {
+            name: name.clone(),
+            axis,
+        };
         self.tables.work_offsets.entry(name).or_insert(Transform::IDENTITY).origin[axis] = origin;
+        self.tell_register(register, before, origin);
     }
 
     /// After writes: the frame in force counted anew.
@@ -235,10 +242,15 @@ impl Interpreter {
 
     /// G10.
     pub(crate) fn set_offset(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        let Some(l) = block.take(b'L') else {
-            return Err(Fault::not_there_yet(at, "G10 without L, the entry of tool offsets,"));
+        let l = match block.take(b'L') {
+            None if self.profile.turning => return self.set_turning_offset(at, block, site),
+            None if self.profile.external_offset => 11, // of the oldest controls
+            None => return Err(missing_word(at, "G10", "L")),
+            Some(l) => Self::whole(l, 'L', 99)?,
         };
-        let l = Self::whole(l, 'L', 99)?;
+        if matches!(l, 1 | 10..=13) && !self.profile.turning && self.profile.external_offset {
+            return self.set_milling_offset(l, at, block, site);
+        }
         if l != 2 && !(l == 20 && self.profile.external_offset) {
             return Err(Fault::not_there_yet(at, &format!("G10 L{l}")));
         }
@@ -319,6 +331,7 @@ impl Interpreter {
         if offset == self.offset {
             return;
         }
+        self.interrupt_compensation();
         let (gauge, before) = (self.gauge(), self.tip);
         self.offset = offset;
         self.place_tip(gauge);
@@ -364,75 +377,86 @@ impl Interpreter {
         Ok(())
     }
 
-    /// The offset of a lathe's T word; 0 is none.
+    /// The offset of a lathe's T word; 0 is none. It moves no axis, whatever parameter 5002.6 LWM says of the T block: the next move
+    /// with absolute words ends at the same place either way.
     pub(crate) fn select_turning_offset(&mut self, number: u32, at: usize, site: Site<'_>) -> Outcome<()> {
         if number == 0 {
             self.set_tool_offset(ToolOffset::NONE);
-            return Ok(());
+            return self.follow_radius(None);
         }
-        let entry = self.tables.tools.get(&ToolNumber(number)).cloned();
-        if entry.is_none() {
+        let assumed = !self.tables.tools.contains_key(&ToolNumber(number));
+        if assumed {
             self.missing("missing-tool-offset", site, at, &format!("tool offset {number}"), "zero")?;
         }
-        let assumed = entry.is_none();
-        let entry = entry.unwrap_or_default();
-        self.set_tool_offset(ToolOffset {
-            number,
-            geometry: entry.geometry.0,
-            wear: entry.wear.0,
-            assumed,
-        });
-        Ok(())
+        let offset = self.turning_offset(number);
+        self.set_tool_offset(ToolOffset { assumed, ..offset });
+        self.follow_radius(None)
     }
 
-    /// G40, G41, G42: with a radius of 0 the programmed path is the path; any other radius is not there yet.
+    /// Geometry and wear of a lathe's offset; the geometry is that of the station where the control is set so (parameter 5002.1 LGN).
+    fn turning_offset(&self, number: u32) -> ToolOffset {
+        let of = |number: u32| self.tables.tools.get(&ToolNumber(number)).cloned().unwrap_or_default();
+        let geometry = match self.options.geometry_by_station {
+            true => self.tool.unwrap_or(number),
+            false => number,
+        };
+        ToolOffset {
+            number,
+            geometry: of(geometry).geometry.0,
+            wear: of(number).wear.0,
+            assumed: false,
+        }
+    }
+
+    /// G40, G41, G42, and on a mill D: what the moves from here on are offset by.
     pub(crate) fn set_side(&mut self, block: &mut Block, said: Option<(Side, usize)>, site: Site<'_>) -> Outcome<()> {
-        if let Some(d) = block.take(b'D') {
+        let d = if self.profile.turning { None } else { block.take(b'D') };
+        if let Some(d) = d {
             self.d = Self::whole(d, 'D', 999)?;
         }
-        let Some((side, at)) = said else { return Ok(()) };
-        self.side = side;
-        if side == Side::On {
+        let at = match (said, d) {
+            (Some((side, at)), _) => {
+                self.side = side;
+                at
+            }
+            (None, Some(d)) if self.side != Side::On => d.at,
+            _ => return self.compensation.check_plane(self.plane),
+        };
+        if self.side != Side::On {
+            self.compensation.check_plane(self.plane)?;
+        }
+        self.follow_radius(Some((at, site)))
+    }
+
+    /// Takes the radius of the offset in force for compensation; `said` where a missing one is told.
+    fn follow_radius(&mut self, said: Option<(usize, Site<'_>)>) -> Outcome<()> {
+        let side = self.side;
+        let number = if self.profile.turning { self.offset.number } else { self.d };
+        if side == Side::On || number == 0 && !self.profile.turning {
+            self.compensation.ask(Side::On, 0.0, 0, self.plane);
             return Ok(());
         }
-        let entry = self.tables.tools.get(&ToolNumber(self.d)).cloned();
-        let radius = if self.profile.turning {
+        // The radius register is the operator's: a tool's own diameter says nothing about whether the program was written for the
+        // contour or for the centre of the tool, so it is not taken for the register.
+        let entry = self.tables.tools.get(&ToolNumber(number)).cloned();
+        if let (None, Some((at, site)), false) = (&entry, said, self.profile.turning) {
+            self.missing("missing-tool-radius", site, at, &format!("tool radius D{number}"), "radius 0")?;
+        }
+        let entry = entry.unwrap_or_default();
+        let radius = entry.radius.0 + entry.radius_wear.0;
+        let tip = if self.profile.turning { entry.tip_direction } else { 0 };
+        self.compensation.ask(side, radius, tip, self.plane);
+        let (0.0, Some((at, site))) = (radius, said) else {
+            return Ok(());
+        };
+        if self.profile.turning {
             self.note(Severity::Warning, "nose-radius-zero", site, at, || {
                 (
                     "the tables hold no nose radius: 0 is assumed, the programmed contour is the path of the tip".to_owned(),
                     "tapers and arcs will be off by up to the nose radius".to_owned(),
                 )
             });
-            0.0
-        } else if self.d == 0 {
-            0.0
-        } else if let Some(entry) = entry {
-            // The D register is the operator's: a tool's own diameter says nothing about whether the program was written for the
-            // contour or for the centre of the tool, so it is not taken for the register.
-            entry.radius_wear.0
         } else {
-            self.missing(
-                "missing-tool-radius",
-                site,
-                at,
-                &format!("tool radius D{}", self.d),
-                "radius 0",
-            )?;
-            0.0
-        };
-        if radius != 0.0 {
-            return Err(Fault::new(
-                at,
-                0,
-                "not-there-yet",
-                format!(
-                    "cutter compensation with a radius of {radius:.4} mm (D{}) is not there yet",
-                    self.d
-                ),
-                "have the CAM system give the path of the tool's centre and set D to 0",
-            ));
-        }
-        if !self.profile.turning {
             self.note(Severity::Remark, "cutter-compensation-zero", site, at, || {
                 (
                     "cutter compensation with radius 0: the programmed path is the path".to_owned(),
@@ -441,5 +465,137 @@ impl Interpreter {
             });
         }
         Ok(())
+    }
+
+    // ---- G10 for tools
+
+    /// G10 L10 to L13 of a mill: length geometry and wear, radius geometry and wear. L1 is L11 (older controls).
+    fn set_milling_offset(&mut self, l: u32, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
+        let (Some(p), Some(r)) = (block.take(b'P'), block.take(b'R')) else {
+            return Err(missing_word(at, "G10", "P, the offset's number, and R, its value"));
+        };
+        let number = Self::whole(p, 'P', 999)?;
+        if number == 0 {
+            return Err(Fault::new(
+                p.at,
+                0,
+                "word-range",
+                "there is no tool offset 0",
+                "write P1 or more",
+            ));
+        }
+        let value = self.length(b'R', r, site);
+        let adds = self.incremental;
+        let entry = self.tables.tools.entry(ToolNumber(number)).or_default();
+        let was = entry.clone();
+        let place = match l {
+            10 => &mut entry.geometry.0.xyz[2],
+            1 | 11 => &mut entry.wear.0.xyz[2],
+            12 => &mut entry.radius.0,
+            _ => &mut entry.radius_wear.0,
+        };
+        *place = if adds { *place + value } else { value };
+        self.tell_tool(number, &was);
+        self.follow_tool_offset(number)
+    }
+
+    /// G10 P of a lathe: P n is the wear of offset n, P 10000 + n its geometry, P0 the work shift. X Z R set, U W C add; Q is the
+    /// direction of the tip.
+    fn set_turning_offset(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
+        let Some(p) = block.take(b'P') else {
+            return Err(missing_word(at, "G10", "P, the offset's number"));
+        };
+        let number = Self::whole(p, 'P', 10_999)?;
+        let mut values = [None; 2];
+        for word in self.profile.axes {
+            if let Some(w) = block.take(word.letter) {
+                let value = self.length(word.letter, w, site) * word.factor;
+                values[usize::from(word.axis == 2)] = Some((value, word.incremental == Some(true)));
+            }
+        }
+        let mut radius = None;
+        for (letter, adds) in [(b'R', false), (b'C', true)] {
+            if let Some(w) = block.take(letter) {
+                radius = Some((self.length(letter, w, site), adds));
+            }
+        }
+        let tip = block.take(b'Q').map(|q| Self::whole(q, 'Q', 9)).transpose()?;
+        let change = |place: &mut f64, value: Option<(f64, bool)>| {
+            if let Some((value, adds)) = value {
+                *place = if adds { *place + value } else { value };
+            }
+        };
+        if number == 0 {
+            for (axis, value) in [(0, values[0]), (2, values[1])] {
+                let mut origin = self
+                    .tables
+                    .work_offsets
+                    .get(&WorkKey::External.name())
+                    .map_or(0.0, |t| t.origin[axis]);
+                if value.is_some() {
+                    change(&mut origin, value);
+                    self.write_work_offset(WorkKey::External, axis, origin);
+                }
+            }
+            self.follow_work_offsets();
+            return Ok(());
+        }
+        let (offset, geometry) = (number % 10_000, number >= 10_000);
+        if offset == 0 {
+            return Err(Fault::new(
+                p.at,
+                0,
+                "word-range",
+                "there is no tool offset 0",
+                "write P10001 or more",
+            ));
+        }
+        let entry = self.tables.tools.entry(ToolNumber(offset)).or_default();
+        let was = entry.clone();
+        let xyz = if geometry {
+            &mut entry.geometry.0.xyz
+        } else {
+            &mut entry.wear.0.xyz
+        };
+        change(&mut xyz[0], values[0]);
+        change(&mut xyz[2], values[1]);
+        let nose = if geometry {
+            &mut entry.radius.0
+        } else {
+            &mut entry.radius_wear.0
+        };
+        change(nose, radius);
+        if let Some(tip) = tip {
+            entry.tip_direction = tip as u8;
+        }
+        self.tell_tool(offset, &was);
+        self.follow_tool_offset(offset)
+    }
+
+    /// After a write to a tool's registers: the offset in force counted anew.
+    pub(crate) fn follow_tool_offset(&mut self, number: u32) -> Outcome<()> {
+        let now = self.offset;
+        if self.profile.turning {
+            if now.number != 0 {
+                let offset = self.turning_offset(now.number);
+                self.set_tool_offset(ToolOffset {
+                    assumed: false,
+                    ..offset
+                });
+            }
+        } else if now.number == number
+            && let Some(entry) = self.tables.tools.get(&ToolNumber(number))
+        {
+            let sign = f64::from(self.length_sign);
+            let along = |v: Vector<Machine>| Vector::new(0.0, 0.0, v.xyz[2] * sign);
+            let offset = ToolOffset {
+                number,
+                geometry: along(entry.geometry.0),
+                wear: along(entry.wear.0),
+                assumed: false,
+            };
+            self.set_tool_offset(offset);
+        }
+        self.follow_radius(None)
     }
 }

@@ -3,6 +3,8 @@
 //! A family is one [`Profile`] and one line in [`PROFILES`]. Nothing else in the crate asks for a family by its name: behaviour that
 //! differs is a field here.
 
+use crate::cycles::roughing::ContourCycle;
+use crate::cycles::turning::SingleKind;
 use crate::macro_b::{Digits, MacroRules};
 use plan::PathMode;
 
@@ -242,6 +244,8 @@ pub enum Motion {
     Clockwise,
     /// G3.
     Counterclockwise,
+    /// G32, on mills G33: tied to the spindle.
+    Thread,
 }
 
 /// What F means: group 5.
@@ -276,6 +280,12 @@ pub enum Drilling {
     Bore,
     /// G89: ream with a dwell at the bottom.
     ReamDwell,
+    /// G76: bore, and off the wall with the spindle oriented.
+    FineBore,
+    /// G87: bore upwards from below.
+    BackBore,
+    /// G88: bore, and out by hand.
+    ManualBore,
 }
 
 /// Where the side of the tool stays: group 7.
@@ -310,6 +320,14 @@ pub enum Once {
     SetPosition,
     /// G92.1: takes `SetPosition` back.
     ClearPosition,
+    /// G31.
+    Skip,
+    /// G70 to G73 of a lathe.
+    Contour(ContourCycle),
+    /// G74 of a lathe, pecks along Z (2), and G75, along X (0).
+    PeckColumns(usize),
+    /// G76 of a lathe.
+    ThreadCycle,
 }
 
 /// What a G code means.
@@ -333,6 +351,10 @@ pub enum G {
     Length(i8),
     /// Group 9.
     Drill(Drilling),
+    /// Group 10 of a lathe: along X instead of Z.
+    SideDrill(Drilling),
+    /// Group 1 of a lathe: G90, G92, G94.
+    Single(SingleKind),
     /// Group 9: none.
     DrillEnd,
     /// Group 10: back to the R level or not.
@@ -359,7 +381,7 @@ impl G {
         Some(match self {
             G::Once(Once::ExactStop) | G::Harmless(_) | G::NotYet(_) => return None,
             G::Once(_) => 0,
-            G::Motion(_) => 1,
+            G::Motion(_) | G::Single(_) => 1,
             G::Plane(_) => 2,
             G::Incremental(_) => 3,
             G::AbsoluteCentres(_) => 4,
@@ -367,7 +389,7 @@ impl G {
             G::Inches(_) => 6,
             G::Side(_) => 7,
             G::Length(_) => 8,
-            G::Drill(_) | G::DrillEnd => 9,
+            G::Drill(_) | G::SideDrill(_) | G::DrillEnd => 9,
             G::ReturnToR(_) => 10,
             G::Work(_) | G::MoreWork => 14,
             G::Path(_) => 15,
@@ -391,6 +413,8 @@ pub enum M {
     Counterclockwise,
     /// M5.
     SpindleStop,
+    /// M19: the spindle stops at its fixed angle.
+    Orient,
     /// M6.
     ToolChange,
     /// M7.
@@ -485,8 +509,8 @@ pub const FANUC_MILL: Profile = Profile {
         (210, G::Inches(false)),
         (280, G::Once(Once::Home)),
         (300, G::Once(Once::SecondReference)),
-        (310, G::NotYet("the skip function (G31)")),
-        (330, G::NotYet("threading (G33)")),
+        (310, G::Once(Once::Skip)),
+        (330, G::Motion(Motion::Thread)),
         (400, G::Side(Side::On)),
         (410, G::Side(Side::Left)),
         (420, G::Side(Side::Right)),
@@ -515,7 +539,7 @@ pub const FANUC_MILL: Profile = Profile {
         (690, G::Harmless("rotation off")),
         (730, G::Drill(Drilling::ChipBreak)),
         (740, G::Drill(Drilling::LeftTap)),
-        (760, G::NotYet("fine boring (G76)")),
+        (760, G::Drill(Drilling::FineBore)),
         (800, G::DrillEnd),
         (810, G::Drill(Drilling::Plain)),
         (820, G::Drill(Drilling::Dwell)),
@@ -523,8 +547,8 @@ pub const FANUC_MILL: Profile = Profile {
         (840, G::Drill(Drilling::Tap)),
         (850, G::Drill(Drilling::Ream)),
         (860, G::Drill(Drilling::Bore)),
-        (870, G::NotYet("back boring (G87)")),
-        (880, G::NotYet("boring with a manual retract (G88)")),
+        (870, G::Drill(Drilling::BackBore)),
+        (880, G::Drill(Drilling::ManualBore)),
         (890, G::Drill(Drilling::ReamDwell)),
         (900, G::Incremental(false)),
         (910, G::Incremental(true)),
@@ -547,7 +571,7 @@ pub const FANUC_MILL: Profile = Profile {
         (7, M::Mist),
         (8, M::Flood),
         (9, M::CoolantOff),
-        (19, M::Harmless("spindle orientation")),
+        (19, M::Orient),
         (29, M::RigidTapping),
         (30, M::End),
         (48, M::Harmless("override switches on")),
@@ -604,8 +628,8 @@ pub const FANUC_LATHE: Profile = Profile {
         (260, G::Harmless("spindle speed check on")),
         (280, G::Once(Once::Home)),
         (300, G::Once(Once::SecondReference)),
-        (310, G::NotYet("the skip function (G31)")),
-        (320, G::NotYet("threading (G32)")),
+        (310, G::Once(Once::Skip)),
+        (320, G::Motion(Motion::Thread)),
         (340, G::NotYet("threading with a variable lead (G34)")),
         (400, G::Side(Side::On)),
         (410, G::Side(Side::Left)),
@@ -625,23 +649,23 @@ pub const FANUC_LATHE: Profile = Profile {
         (660, G::NotYet("the modal macro call (G66)")),
         (670, G::Harmless("modal macro call off")),
         (690, G::Harmless("mirror image off")),
-        (700, G::NotYet("the finishing cycle (G70)")),
-        (710, G::NotYet("the roughing cycle (G71)")),
-        (720, G::NotYet("the facing cycle (G72)")),
-        (730, G::NotYet("the pattern cycle (G73)")),
-        (740, G::NotYet("the face peck cycle (G74)")),
-        (750, G::NotYet("the grooving cycle (G75)")),
-        (760, G::NotYet("the threading cycle (G76)")),
+        (700, G::Once(Once::Contour(ContourCycle::Finish))),
+        (710, G::Once(Once::Contour(ContourCycle::Turn))),
+        (720, G::Once(Once::Contour(ContourCycle::Face))),
+        (730, G::Once(Once::Contour(ContourCycle::Pattern))),
+        (740, G::Once(Once::PeckColumns(2))),
+        (750, G::Once(Once::PeckColumns(0))),
+        (760, G::Once(Once::ThreadCycle)),
         (800, G::DrillEnd),
-        (830, G::NotYet("drilling on a lathe (G83)")),
-        (840, G::NotYet("tapping on a lathe (G84)")),
-        (850, G::NotYet("boring on a lathe (G85)")),
-        (870, G::NotYet("side drilling (G87)")),
-        (880, G::NotYet("side tapping (G88)")),
-        (890, G::NotYet("side boring (G89)")),
-        (900, G::NotYet("the turning cycle (G90)")),
-        (920, G::NotYet("the single threading cycle (G92)")),
-        (940, G::NotYet("the single facing cycle (G94)")),
+        (830, G::Drill(Drilling::Peck)),
+        (840, G::Drill(Drilling::Tap)),
+        (850, G::Drill(Drilling::Ream)),
+        (870, G::SideDrill(Drilling::Peck)),
+        (880, G::SideDrill(Drilling::Tap)),
+        (890, G::SideDrill(Drilling::Ream)),
+        (900, G::Single(SingleKind::Turn)),
+        (920, G::Single(SingleKind::Thread)),
+        (940, G::Single(SingleKind::Face)),
         (960, G::SurfaceSpeed(true)),
         (970, G::SurfaceSpeed(false)),
         (980, G::Feed(FeedMode::PerMinute)),
@@ -659,9 +683,10 @@ pub const FANUC_LATHE: Profile = Profile {
         (9, M::CoolantOff),
         (10, M::Harmless("chuck")),
         (11, M::Harmless("chuck")),
-        (19, M::Harmless("spindle orientation")),
+        (19, M::Orient),
         (23, M::Harmless("chamfering on")),
         (24, M::Harmless("chamfering off")),
+        (29, M::RigidTapping),
         (30, M::End),
         (40, M::Harmless("gear")),
         (41, M::Harmless("gear")),
@@ -684,7 +709,7 @@ pub const FANUC_LATHE: Profile = Profile {
     plane: Plane::Zx,
     axes: LATHE_AXES,
     variable_axes: &[0, 2],
-    letters: b"FGIKLMNOPQRSTUWXZ",
+    letters: b"ACDFGIKLMNOPQRSTUWXZ",
     point_matters: true,
     external_offset: true,
     offsets_add: true,
@@ -815,7 +840,7 @@ pub const RS274: Profile = Profile {
         (7, M::Mist),
         (8, M::Flood),
         (9, M::CoolantOff),
-        (19, M::Harmless("spindle orientation")),
+        (19, M::Orient),
         (30, M::End),
         (48, M::Harmless("override switches on")),
         (49, M::Harmless("override switches off")),

@@ -1,5 +1,7 @@
 //! [`GcodeProgram`]: a text file as a [`plan::ProgramStream`].
 
+mod contour;
+
 use crate::acting::{Act, act};
 use crate::block::Block;
 use crate::evaluate::Stack;
@@ -35,6 +37,9 @@ pub struct Options {
     pub arc_tolerance: Millimetres,
     /// Highest spindle speed that is assumed when a program with constant surface speed names none.
     pub spindle_limit: Rpm,
+    /// The T word's first pair chooses a lathe's tool geometry, the second only its wear (Fanuc parameter 5002.1, LGN=1); else the second
+    /// pair chooses both.
+    pub geometry_by_station: bool,
     /// Where G30 goes; `None` when the machine has no such place.
     pub second_reference: Option<Point<Machine>>,
     /// Fanuc parameter 6004.0 turned round: `Some(true)` is NAT=0, angles from 0 to 360. `None` is the family's default.
@@ -59,6 +64,7 @@ impl Default for Options {
             variables: BTreeMap::new(),
             arc_tolerance: Millimetres(0.01),
             spindle_limit: Rpm(4000.0),
+            geometry_by_station: false,
             second_reference: None,
             angles_from_zero: None,
             parameters: Parameters::default(),
@@ -298,6 +304,11 @@ impl GcodeProgram {
         match (&question, answer) {
             (Question::OptionalStop, Answer::Truth(true)) => Some(self.number_step(origin, StepKind::Stop(StopKind::Optional))),
             (Question::OptionalStop, Answer::Truth(false)) => None,
+            (Question::Skip { .. }, answer) => {
+                self.interpreter.origin = origin;
+                self.interpreter.skip_answered(&question, answer);
+                None
+            }
             (Question::Number(name), Answer::Number(Some(value))) => {
                 self.interpreter.answer(name, value);
                 None
@@ -338,6 +349,20 @@ impl GcodeProgram {
                 None
             }
         }
+    }
+
+    /// A fault that a cycle met while it was told is an alarm of the cycle's line.
+    fn raise_late_fault(&mut self) {
+        let Some(fault) = self.interpreter.compensation.fault.take() else {
+            return;
+        };
+        let origin = self.interpreter.origin;
+        let number = match origin.place {
+            plan::Place::Text { line, .. } => line,
+            _ => 0,
+        };
+        let name = self.file_name(origin.file).to_owned();
+        self.alarm = Some(fault.into_alarm(&name, Site { text: b"", number }));
     }
 
     /// Reads and executes one line.
@@ -473,8 +498,11 @@ impl GcodeProgram {
         false
     }
 
+    /// The line waits for an answer: everything said before is done first.
     pub(crate) fn wait_for(&mut self, question: Question) {
-        self.interpreter.out.push_back(Item::Ask(self.interpreter.origin, question));
+        self.interpreter.settle();
+        self.raise_late_fault();
+        self.interpreter.push(Item::Ask(self.interpreter.origin, question));
     }
 
     /// An endless program ends here: blocks that move nothing are counted.
@@ -554,6 +582,9 @@ impl ProgramStream for GcodeProgram {
             }
             match self.interpreter.out.pop_front() {
                 Some(Item::Step(origin, kind)) => {
+                    if let StepKind::Dwell(time) = kind {
+                        self.interpreter.nominal += time.0;
+                    }
                     if matches!(
                         kind,
                         StepKind::Move(_) | StepKind::MachineMove(_) | StepKind::Dwell(_) | StepKind::Stop(_)
@@ -567,6 +598,10 @@ impl ProgramStream for GcodeProgram {
                     return Next::Ask(question);
                 }
                 None => {}
+            }
+            if self.interpreter.go_on() {
+                self.raise_late_fault();
+                continue;
             }
             if let Some(alarm) = &self.alarm {
                 return Next::Alarm(alarm.clone());

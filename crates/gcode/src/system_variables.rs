@@ -9,7 +9,7 @@ use crate::interpretation::Stop;
 use crate::interpreter::{Interpreter, round_to};
 use crate::macro_b::{Refusal, VACANT, Value, plain};
 use crate::offsets::WorkKey;
-use crate::profile::{FeedMode, Register};
+use crate::profile::{FeedMode, Motion, Register};
 use crate::text::characters;
 use plan::{Missing, Question, RegisterChange, Severity, StepKind, StopKind};
 use units::ToolNumber;
@@ -137,22 +137,20 @@ impl Interpreter {
                 "check the value before it is written",
             ))
         };
-        if let Some((key, index)) = WorkKey::of_variable(number)
-            && let Some(axis) = self.profile.variable_axes.get(index).copied()
-        {
-            let mm = check(value)? * self.unit() * self.profile.factor(axis);
-            let before = self.tables.work_offsets.get(&key.name()).map_or(0.0, |t| t.origin[axis]);
-            self.write_work_offset(key, axis, mm);
-            self.follow_work_offsets();
-            self.tell_register(plan::Register::WorkOffset { name: key.name(), axis }, before, mm);
-            return Ok(());
-        }
         if let Some((tool, register)) = self.register_of(number) {
             let value = match register {
                 Register::TipDirection => value,
                 _ => check(value)?,
             };
             self.write_register(tool, register, value);
+            return self.follow_tool_offset(tool);
+        }
+        if let Some((key, index)) = WorkKey::of_variable(number)
+            && let Some(axis) = self.profile.variable_axes.get(index).copied()
+        {
+            let mm = check(value)? * self.unit() * self.profile.factor(axis);
+            self.write_work_offset(key, axis, mm);
+            self.follow_work_offsets();
             return Ok(());
         }
         match number {
@@ -230,6 +228,29 @@ impl Interpreter {
         self.tell_register(changed, before, mm);
     }
 
+    /// Tells the machine what of a tool's entry was written.
+    pub(crate) fn tell_tool(&mut self, tool: u32, was: &plan::ToolEntry) {
+        let Some(now) = self.tables.tools.get(&ToolNumber(tool)).cloned() else {
+            return;
+        };
+        let mut changes = Vec::new();
+        for axis in 0..3 {
+            let geometry = plan::Register::ToolGeometry { tool, axis };
+            changes.push((geometry, was.geometry.0.xyz[axis], now.geometry.0.xyz[axis]));
+            let wear = plan::Register::ToolWear { tool, axis };
+            changes.push((wear, was.wear.0.xyz[axis], now.wear.0.xyz[axis]));
+        }
+        changes.push((plan::Register::ToolRadius { tool }, was.radius.0, now.radius.0));
+        changes.push((plan::Register::ToolRadiusWear { tool }, was.radius_wear.0, now.radius_wear.0));
+        let tips = (f64::from(was.tip_direction), f64::from(now.tip_direction));
+        changes.push((plan::Register::TipDirection { tool }, tips.0, tips.1));
+        for (register, before, after) in changes {
+            if before != after {
+                self.tell_register(register, before, after);
+            }
+        }
+    }
+
     /// Tells the machine that a register of its tables was written.
     pub(crate) fn tell_register(&mut self, register: plan::Register, before: f64, after: f64) {
         self.emit(StepKind::Register(RegisterChange {
@@ -300,21 +321,8 @@ impl Interpreter {
     }
 
     fn offset_variable(&self, number: u32) -> Result<f64, Refusal> {
-        if let Some((key, index)) = WorkKey::of_variable(number)
-            && let Some(axis) = self.profile.variable_axes.get(index)
-        {
-            let origin = self.tables.work_offsets.get(&key.name()).map_or(0.0, |t| t.origin[*axis]);
-            if !self.is_known(key) && self.tables.missing == Missing::Fail && key != WorkKey::External {
-                return Err(Refusal::new(
-                    115,
-                    format!("#{number} shows work offset {}, which is not in the tables", key.name()),
-                    "enter it first",
-                ));
-            }
-            return Ok(self.in_program(*axis, origin));
-        }
         let Some((tool, register)) = self.register_of(number) else {
-            return Err(Refusal::illegal(number));
+            return self.work_offset_variable(number);
         };
         let Some(entry) = self.tables.tools.get(&ToolNumber(tool)) else {
             return Ok(0.0); // an entry that nobody made shows 0 on the control too
@@ -328,6 +336,23 @@ impl Interpreter {
             Register::RadiusWear => shown(entry.radius_wear.0),
             Register::TipDirection => f64::from(entry.tip_direction),
         })
+    }
+
+    fn work_offset_variable(&self, number: u32) -> Result<f64, Refusal> {
+        if let Some((key, index)) = WorkKey::of_variable(number)
+            && let Some(axis) = self.profile.variable_axes.get(index)
+        {
+            let origin = self.tables.work_offsets.get(&key.name()).map_or(0.0, |t| t.origin[*axis]);
+            if !self.is_known(key) && self.tables.missing == Missing::Fail && key != WorkKey::External {
+                return Err(Refusal::new(
+                    115,
+                    format!("#{number} shows work offset {}, which is not in the tables", key.name()),
+                    "enter it first",
+                ));
+            }
+            return Ok(self.in_program(*axis, origin));
+        }
+        Err(Refusal::illegal(number))
     }
 
     /// A length along an axis as the program writes it.
@@ -350,7 +375,7 @@ impl Interpreter {
             0 => Ok(self.in_program(axis, self.programmed(axis))),
             1 => self.machine_place(axis, Asked::Machine),
             2 => self.machine_place(axis, Asked::Work),
-            3 => Ok(self.in_program(axis, self.skip_position.map_or(self.programmed(axis), |p| p[axis]))),
+            3 => Ok(self.in_program(axis, self.skip_position[axis])),
             4 => Ok(self.in_program(axis, self.offset.total().xyz[axis])),
             5 => self.machine_place(axis, Asked::Deviation),
             _ => Err(Refusal::illegal(number)),
@@ -403,9 +428,11 @@ impl Interpreter {
         let mill = !self.profile.turning;
         let either = |on: bool, yes: f64, no: f64| if on { yes } else { no };
         Some(match number {
-            4001 => match self.cycle.is_some() && !mill {
-                true => self.cycle.as_ref().map_or(0.0, |c| f64::from(c.code)),
-                false => f64::from(self.motion as u8),
+            4001 => match (self.turning_cycles.single, self.motion) {
+                (Some(single), _) => f64::from(single.code()),
+                (None, Motion::Thread) if mill => 33.0,
+                (None, Motion::Thread) => 32.0,
+                (None, motion) => f64::from(motion as u8),
             },
             4002 if mill => f64::from(17 + self.plane as u8),
             4002 => either(self.surface.is_some(), 96.0, 97.0),

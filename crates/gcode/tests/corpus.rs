@@ -29,7 +29,9 @@ fn seconds_of(program: &mut GcodeProgram) -> f64 {
                 let speed = match m.speed {
                     Speed::Rapid => 300.0,
                     Speed::Feed(Feed::PerTime(v)) => v.0,
-                    Speed::Feed(Feed::PerRevolution(f)) => f.0 * spindle.revolutions(radius).0 / 60.0,
+                    Speed::Feed(Feed::PerRevolution(f) | Feed::Thread(plan::Thread { advance: f, .. })) => {
+                        f.0 * spindle.revolutions(radius).0 / 60.0
+                    }
                     Speed::Feed(Feed::WholeMove(t)) => return t.0,
                 };
                 m.path.length() / speed

@@ -8,9 +8,13 @@ use gcode::{GcodeProgram, Options, PROFILES, detect};
 use plan::{Answer, MemorySource, Next, ProgramStream, StepKind};
 use proptest::prelude::*;
 
-const SEEDS: [&str; 5] = [
+const SEEDS: [&str; 9] = [
     include_str!("../../../corpus/plate.nc"),
     include_str!("../../../corpus/shaft.nc"),
+    include_str!("../../../corpus/spindle.nc"),
+    include_str!("../../../corpus/flange.nc"),
+    "G21 G18 G99 T0101\nG10 P10001 R0.4 Q3\nG97 S500 M3 F.1\nG0 X40. Z2.\nG72 W2. R.5\nG72 P1 Q3 U.4 W.2\nN1 G0 Z-5.\nN2 G1 X20. Z-3.\nN3 Z0\nG73 U3. W1. R3\nG73 P4 Q6 U.4\nN4 G42 G0 X20. Z1.\nN5 G1 Z-10. R2.\nN6 G40 X30. Z-12.\nG70 P4 Q6\nG90 X30. Z-9. R-1.\nG94 X9. Z-2.\nG92 X28. Z-9. F2.\nG74 R.5\nG74 X12. Z-9. P3000 Q4000\nG75 X8. P2000\nG32 Z-20. F1.5 Q9000\nG76 P021060 Q100 R.05\nG76 X18. Z-20. P1000 Q500 F2.\nG76 X17. Z-9. K1. D500 F2. A60\nM30",
+    "G21 G90 G54 T2 M6\nM3 S900 F90.\nG0 X-20. Y0 Z0\nG10 L12 P2 R3.\nG41 D2 G1 X0 Y0\nY20. ,R5.\nX20. ,C2.\nG2 X30. Y10. R10.\nG3 X40. Y10. I5. J0\nM8\nZ-2.\nX0 Y0\nG42 X9. Y3.\nG40 X-20.\nG31 Z-3.\nM29\nG84 X1. Y2. Z-9. R2. F900.\nG76 X3. Q.5\nG87 X5. R-9. Z-3. Q2.\nG88 X7. Z-3. R1.\nG80\nM19\nM30",
     "(MSG, x)\nG21 G64 P0.02 G90\nG43 H1\nS1000 M3\nG93 G1 X20 F2\nG94 G90.1 G2 X0 Y0 I10 J0 F9\nG3 X0 Y0 Z-2 I5 P2\n#1=5\nG0 X[#1*2]\nG92 X0\nM2\n",
     "O1\nG20\n#1=1.2345\n#[#1+2]=ROUND[#1/3]\nG90 G10 L2 P#1 X#1\nG0 X-#1 Y[SIN[30]+ATAN[1]/[2]]\nM98 P2\nG91 G81 X1. Z-1. R-.1 K3 F9.\nG84 Z-2. S100 M3\nM1\n#5221=1\n#3006=1(LOOK)\nM30\nO2\nG1 X1. F5.\nM99\n",
     "G21 G17 G3 X1. Y1. R1. F100.\nG18 G2 X0 Z0 I5.\nG19 G2 Y3. Z3. R-9.\nG53 Z0\nG28 X0\nG30 Y0\nG4 P100\nG54.1 P3\nG52 X1.\nG41 D1\nG9 X3.\n",

@@ -2,12 +2,11 @@
 
 mod common;
 
-use common::{mill_tables, open_with, read_or_skip, run, sample};
+use common::{mill_tables, open_with, run, sample};
 use expect_test::{Expect, expect};
 use gcode::inspect::inspect;
 use gcode::{GcodeProgram, Options, Value, detect};
 use plan::{Level, MemorySource, Missing, Move, ProgramStream, Speed, Step, StepKind, Tables};
-use std::collections::BTreeMap;
 
 /// Counts, names and findings of a program read to its end with empty tables.
 fn summary(text: &[u8]) -> String {
@@ -82,27 +81,27 @@ fn nist_827_op1_is_read_to_its_end() {
     check(
         "mtconnect/nist-sms/827-9999-904-OP1.NC",
         expect![[r#"
-        fanuc-mill because no sign of a lathe or of RS274 outweighs the Y words, G43 or M6 of a mill
-        steps 1136 moves 1020 rapids 223 machine moves 13 tools 11 frames 2
-        Program O1001 PROGRAM NAME 827-9999-904, OP1
-        Workingstep T1 3" FACE MILL
-        Workingstep T2 1/2" DIA. 2 FLUTE STUBBY FULLERTON E.M.
-        Workingstep T3 1/4" DIA. 2 FLUTE STUBBY FULLERTON E.M.
-        Workingstep T4 1/4" DIA. X .032" RADIUS 2 FLUTE STUBBY BULLNOSE E.M.
-        Workingstep T5 1/4" 2 FLUTE E.M. WITH .020" X 45° CHAMFERS
-        Workingstep T6 1/4" X 90° SPOT DRILL
-        Workingstep T7 #30 DRILL
-        Workingstep T8 5/16" X 90° SPOT DRILL
-        Workingstep T9 LET. B DRILL
-        Workingstep T10 .2505" REAMER
-        Workingstep T11 9/32" DRILL
-        warning: test.nc:20:17: tool 1 is not in the tables: a tool of that number is assumed (11 times); enter it before cutting
-        warning: test.nc:25:10: tool length H1 is not in the tables: length 0 is assumed (11 times); enter it before cutting
-        remark: test.nc:26:6: G8 (look-ahead mode) is accepted and changes nothing here (22 times)
-        warning: test.nc:616:6: tool radius D3 is not in the tables: radius 0 is assumed (21 times); enter it before cutting
-        remark: test.nc:616:6: cutter compensation with radius 0: the programmed path is the path (21 times)
-        {"workingsteps_enabled":11,"workingsteps_disabled":0,"toolpaths":182,"rapids":97,"dwells":0,"tools":11,"nc_functions":0}
-    "#]],
+            fanuc-mill because no sign of a lathe or of RS274 outweighs the Y words, G43 or M6 of a mill
+            steps 1155 moves 1020 rapids 223 machine moves 13 tools 11 frames 2
+            Program O1001 PROGRAM NAME 827-9999-904, OP1
+            Workingstep T1 3" FACE MILL
+            Workingstep T2 1/2" DIA. 2 FLUTE STUBBY FULLERTON E.M.
+            Workingstep T3 1/4" DIA. 2 FLUTE STUBBY FULLERTON E.M.
+            Workingstep T4 1/4" DIA. X .032" RADIUS 2 FLUTE STUBBY BULLNOSE E.M.
+            Workingstep T5 1/4" 2 FLUTE E.M. WITH .020" X 45° CHAMFERS
+            Workingstep T6 1/4" X 90° SPOT DRILL
+            Workingstep T7 #30 DRILL
+            Workingstep T8 5/16" X 90° SPOT DRILL
+            Workingstep T9 LET. B DRILL
+            Workingstep T10 .2505" REAMER
+            Workingstep T11 9/32" DRILL
+            warning: test.nc:20:17: tool 1 is not in the tables: a tool of that number is assumed (11 times); enter it before cutting
+            warning: test.nc:25:10: tool length H1 is not in the tables: length 0 is assumed (11 times); enter it before cutting
+            remark: test.nc:26:6: G8 (look-ahead mode) is accepted and changes nothing here (22 times)
+            warning: test.nc:616:6: tool radius D3 is not in the tables: radius 0 is assumed (21 times); enter it before cutting
+            remark: test.nc:616:6: cutter compensation with radius 0: the programmed path is the path (21 times)
+            {"workingsteps_enabled":11,"workingsteps_disabled":0,"toolpaths":182,"rapids":97,"dwells":0,"tools":11,"nc_functions":0}
+        "#]],
     );
 }
 
@@ -111,27 +110,27 @@ fn nist_827_op2_is_read_to_its_end() {
     check(
         "mtconnect/nist-sms/827-9999-904-OP2.NC",
         expect![[r#"
-        fanuc-mill because no sign of a lathe or of RS274 outweighs the Y words, G43 or M6 of a mill
-        steps 2166 moves 2049 rapids 267 machine moves 13 tools 11 frames 2
-        Program O1002 PROGRAM NAME 827-9999-904, OP2
-        Workingstep T1 3" FACE MILL
-        Workingstep T2 1/2" DIA. 2 FLUTE STUBBY FULLERTON E.M.
-        Workingstep T3 1/4" DIA. 2 FLUTE STUBBY FULLERTON E.M.
-        Workingstep T12 3/16" DIA. 2 FLUTE STUBBY FULLERTON E.M.
-        Workingstep T13 1/4" X 45° CHAMFER MILL
-        Workingstep T5 1/4" 2 FLUTE E.M. WITH .020" X 45° CHAMFERS
-        Workingstep T14 1/4" X .093" CORNER ROUNDING E.M.
-        Workingstep T6 1/4" X 90° SPOT DRILL
-        Workingstep T15 3/16" DRILL
-        Workingstep T16 #25 DRILL
-        Workingstep T3 1/4" DIA. 2 FLUTE STUBBY FULLERTON E.M.
-        warning: test.nc:20:17: tool 1 is not in the tables: a tool of that number is assumed (11 times); enter it before cutting
-        warning: test.nc:25:10: tool length H1 is not in the tables: length 0 is assumed (11 times); enter it before cutting
-        remark: test.nc:26:6: G8 (look-ahead mode) is accepted and changes nothing here (22 times)
-        warning: test.nc:662:6: tool radius D3 is not in the tables: radius 0 is assumed (56 times); enter it before cutting
-        remark: test.nc:662:6: cutter compensation with radius 0: the programmed path is the path (56 times)
-        {"workingsteps_enabled":11,"workingsteps_disabled":0,"toolpaths":222,"rapids":117,"dwells":0,"tools":10,"nc_functions":0}
-    "#]],
+            fanuc-mill because no sign of a lathe or of RS274 outweighs the Y words, G43 or M6 of a mill
+            steps 2185 moves 2049 rapids 267 machine moves 13 tools 11 frames 2
+            Program O1002 PROGRAM NAME 827-9999-904, OP2
+            Workingstep T1 3" FACE MILL
+            Workingstep T2 1/2" DIA. 2 FLUTE STUBBY FULLERTON E.M.
+            Workingstep T3 1/4" DIA. 2 FLUTE STUBBY FULLERTON E.M.
+            Workingstep T12 3/16" DIA. 2 FLUTE STUBBY FULLERTON E.M.
+            Workingstep T13 1/4" X 45° CHAMFER MILL
+            Workingstep T5 1/4" 2 FLUTE E.M. WITH .020" X 45° CHAMFERS
+            Workingstep T14 1/4" X .093" CORNER ROUNDING E.M.
+            Workingstep T6 1/4" X 90° SPOT DRILL
+            Workingstep T15 3/16" DRILL
+            Workingstep T16 #25 DRILL
+            Workingstep T3 1/4" DIA. 2 FLUTE STUBBY FULLERTON E.M.
+            warning: test.nc:20:17: tool 1 is not in the tables: a tool of that number is assumed (11 times); enter it before cutting
+            warning: test.nc:25:10: tool length H1 is not in the tables: length 0 is assumed (11 times); enter it before cutting
+            remark: test.nc:26:6: G8 (look-ahead mode) is accepted and changes nothing here (22 times)
+            warning: test.nc:662:6: tool radius D3 is not in the tables: radius 0 is assumed (56 times); enter it before cutting
+            remark: test.nc:662:6: cutter compensation with radius 0: the programmed path is the path (56 times)
+            {"workingsteps_enabled":11,"workingsteps_disabled":0,"toolpaths":222,"rapids":117,"dwells":0,"tools":10,"nc_functions":0}
+        "#]],
     );
 }
 
@@ -140,23 +139,23 @@ fn nist_827_fixture_is_read_to_its_end() {
     check(
         "mtconnect/nist-sms/827-9999-904-FIXT.NC",
         expect![[r#"
-        fanuc-mill because no sign of a lathe or of RS274 outweighs the Y words, G43 or M6 of a mill
-        steps 406 moves 320 rapids 131 machine moves 9 tools 7 frames 2
-        Program O1003 PROGRAM NAME 827-9999-904, FIXT
-        Workingstep T3 1/4" DIA. 2 FLUTE STUBBY FULLERTON E.M.
-        Workingstep T17 1/8" DIA. 2 FLUTE STUBBY FULLERTON E.M.
-        Workingstep T8 5/16" X 90° SPOT DRILL
-        Workingstep T9 LET. B DRILL
-        Workingstep T18 .2495" REAMER
-        Workingstep T19 5.75MM DRILL
-        Workingstep T20 1/4"-20 ROLL FORM TAP
-        warning: test.nc:20:17: tool 3 is not in the tables: a tool of that number is assumed (7 times); enter it before cutting
-        warning: test.nc:25:10: tool length H3 is not in the tables: length 0 is assumed (7 times); enter it before cutting
-        remark: test.nc:26:6: G8 (look-ahead mode) is accepted and changes nothing here (14 times)
-        warning: test.nc:29:6: tool radius D3 is not in the tables: radius 0 is assumed (10 times); enter it before cutting
-        remark: test.nc:29:6: cutter compensation with radius 0: the programmed path is the path (10 times)
-        {"workingsteps_enabled":7,"workingsteps_disabled":0,"toolpaths":116,"rapids":62,"dwells":0,"tools":7,"nc_functions":0}
-    "#]],
+            fanuc-mill because no sign of a lathe or of RS274 outweighs the Y words, G43 or M6 of a mill
+            steps 421 moves 320 rapids 131 machine moves 9 tools 7 frames 2
+            Program O1003 PROGRAM NAME 827-9999-904, FIXT
+            Workingstep T3 1/4" DIA. 2 FLUTE STUBBY FULLERTON E.M.
+            Workingstep T17 1/8" DIA. 2 FLUTE STUBBY FULLERTON E.M.
+            Workingstep T8 5/16" X 90° SPOT DRILL
+            Workingstep T9 LET. B DRILL
+            Workingstep T18 .2495" REAMER
+            Workingstep T19 5.75MM DRILL
+            Workingstep T20 1/4"-20 ROLL FORM TAP
+            warning: test.nc:20:17: tool 3 is not in the tables: a tool of that number is assumed (7 times); enter it before cutting
+            warning: test.nc:25:10: tool length H3 is not in the tables: length 0 is assumed (7 times); enter it before cutting
+            remark: test.nc:26:6: G8 (look-ahead mode) is accepted and changes nothing here (14 times)
+            warning: test.nc:29:6: tool radius D3 is not in the tables: radius 0 is assumed (10 times); enter it before cutting
+            remark: test.nc:29:6: cutter compensation with radius 0: the programmed path is the path (10 times)
+            {"workingsteps_enabled":7,"workingsteps_disabled":0,"toolpaths":116,"rapids":62,"dwells":0,"tools":7,"nc_functions":0}
+        "#]],
     );
 }
 
@@ -191,138 +190,4 @@ fn g10_of_the_nist_program_sets_the_work_offset_that_the_tables_lack() {
     assert!(!assumed, "G10 L2 P#501 gives all three axes");
     assert_eq!(program.variable(501), Value::Number(1.0));
     assert_eq!(program.variable(502), Value::Vacant);
-}
-
-/// One worked case; `Err` says how it came out differently, `Ok(false)` that it needs what is not there yet.
-fn run_case(case: &serde_json::Value) -> Result<bool, String> {
-    let setup = &case["setup"];
-    let expected = &case["expect"];
-    let mut options = Options::default();
-    if let Some(params) = setup["params"].as_object() {
-        for (number, value) in params {
-            match number.as_str() {
-                "6004.0" => options.angles_from_zero = Some(value == 0),
-                _ => return Ok(false),
-            }
-        }
-    }
-    if let Some(vars) = setup["vars"].as_object() {
-        for (number, value) in vars {
-            let number: u32 = number.parse().map_err(|_| "a variable number".to_owned())?;
-            if number >= 1000 {
-                return Ok(false);
-            }
-            options.variables.insert(number, value.as_f64().ok_or("a number")?);
-        }
-    }
-    let dialect = if setup["machine"] == "lathe" {
-        "fanuc-lathe"
-    } else {
-        "fanuc-mill"
-    };
-    let text = case["program"].as_str().ok_or("a program")?;
-    let mut program = open_with(text.as_bytes(), dialect, Tables::empty(), options)?;
-    let (steps, alarm) = run(&mut program);
-    if alarm.as_ref().is_some_and(|a| a.diagnostic.code == "not-there-yet") {
-        return Ok(false);
-    }
-    let got = alarm.as_ref().map(|a| a.number);
-    let wanted = expected["alarm"]["number"]
-        .as_u64()
-        .map(|n| match expected["alarm"]["type"].as_str() {
-            Some("MACRO") => n as u32 + 3000,
-            _ => n as u32,
-        });
-    if got != wanted {
-        return Err(format!("alarm {got:?}, expected {wanted:?}: {alarm:?}"));
-    }
-    if let Some(message) = expected["alarm"]["message"].as_str()
-        && alarm.as_ref().is_none_or(|a| a.diagnostic.message != message)
-    {
-        return Err(format!("alarm text {alarm:?}, expected {message}"));
-    }
-    let tolerance = expected["tol"].as_f64().unwrap_or(1e-6);
-    let vars: BTreeMap<u32, Option<f64>> = expected["vars"]
-        .as_object()
-        .map(|vars| vars.iter().map(|(n, v)| (n.parse().unwrap_or(0), v.as_f64())).collect())
-        .unwrap_or_default();
-    for (number, wanted) in vars {
-        let agrees = match (program.variable(number), wanted) {
-            (Value::Vacant, None) => true,
-            (Value::Number(got), Some(wanted)) => (got - wanted).abs() <= tolerance,
-            _ => false,
-        };
-        if !agrees {
-            return Err(format!("#{number} is {:?}, expected {wanted:?}", program.variable(number)));
-        }
-    }
-    if let Some(path) = expected["path"].as_array() {
-        let moves: Vec<(f64, [f64; 3])> = steps
-            .iter()
-            .filter_map(|s| match &s.kind {
-                StepKind::Move(m) => Some((if m.speed == Speed::Rapid { 0.0 } else { 1.0 }, m.path.end().xyz)),
-                _ => None,
-            })
-            .collect();
-        let unit = if program.in_inches() { 25.4 } else { 1.0 };
-        if moves.len() != path.len() {
-            return Err(format!("{} moves, expected {}", moves.len(), path.len()));
-        }
-        for ((kind, end), wanted) in moves.iter().zip(path) {
-            let wanted: Vec<f64> = wanted
-                .as_array()
-                .into_iter()
-                .flatten()
-                .filter_map(serde_json::Value::as_f64)
-                .collect();
-            let got: Vec<f64> = match dialect {
-                "fanuc-lathe" => vec![*kind, end[0] * 2.0 / unit, end[2] / unit],
-                _ => vec![*kind, end[0] / unit, end[1] / unit, end[2] / unit],
-            };
-            if got.len() != wanted.len() || got.iter().zip(&wanted).any(|(a, b)| (a - b).abs() > tolerance) {
-                return Err(format!("move {got:?}, expected {wanted:?}"));
-            }
-        }
-    }
-    Ok(true)
-}
-
-#[test]
-fn worked_macro_cases_of_this_subset_come_out_as_stated() {
-    let full = format!("{}/../../../shared/reference/macro-cases.jsonl", env!("CARGO_MANIFEST_DIR"));
-    let Some(text) = read_or_skip(&full) else { return };
-    let (mut passed, mut later) = (Vec::new(), Vec::new());
-    for line in String::from_utf8_lossy(&text).lines() {
-        let case: serde_json::Value = serde_json::from_str(line).expect("a case is a JSON object");
-        let name = case["name"].as_str().expect("a case has a name").to_owned();
-        match run_case(&case) {
-            Ok(true) => passed.push(name),
-            Ok(false) => later.push(name),
-            Err(why) => panic!("{name}: {why}"),
-        }
-    }
-    println!(
-        "{} cases run, {} need what is not there yet: {}",
-        passed.len(),
-        later.len(),
-        later.join(" ")
-    );
-    expect![[r#"
-        null-arithmetic
-        null-address-ignored
-        precedence
-        round-fix-fup
-        address-rounding-increment
-        atan-two-args-0-360
-        trig-degrees
-        sqrt-negative-alarm
-        divide-by-zero-alarm
-        tan-90-alarm
-        m98-shares-locals
-        alarm-3000
-        mod-sign
-        bits-bin-bcd
-        indirect-variables
-        modal-readback"#]]
-    .assert_eq(&passed.join("\n"));
 }

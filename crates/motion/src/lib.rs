@@ -13,6 +13,10 @@
 //! Acceleration holds at every instant, not only at the samples; the second difference of samples is a weighted mean of the
 //! acceleration over two cycles, so it holds there too.
 //!
+//! A move that is tied to the spindle's angle ([`plan::Feed::Thread`]) is planned at advance times programmed revolutions, from rest to
+//! rest where its corners ask for it: the planner does not see the spindle's encoder, so the angle at its start is not waited for and
+//! deviations of the spindle's speed are not followed.
+//!
 //! Jerk is not limited yet. It enters in `profile` (limits on the change of acceleration along the curve) and in `smooth` (curvature
 //! that is continuous as well); the stages around them stay.
 

@@ -7,7 +7,7 @@ use crate::{Limits, Statistics};
 use machine::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 use plan::{
     Alarm, Answer, Diagnostic, Feed, Level, MachineMove, Move, Next, Origin, Path, PathMode, Place, ProgramStream, Question,
-    Speed, SpeedProfile, SpindleMode, SpindleState, Spline, Step, StepKind,
+    Speed, SpeedProfile, SpindleMode, SpindleState, Spline, Step, StepKind, Thread,
 };
 use std::collections::VecDeque;
 use units::{Machine, Millimetres, Point, Rpm, Seconds, Setup, StepId, TICK, Transform, Vector, WorkingstepId};
@@ -317,7 +317,8 @@ impl<'a> Trajectory<'a> {
                 self.spindle = *spindle;
                 let speed = spindle.revolutions(Millimetres(self.tip(self.position).xyz[0]));
                 let spindle = match spindle {
-                    SpindleState::Stopped => SpindleCommand::Stop,
+                    // The command has no angle: the plant's spindle stops where it comes to rest.
+                    SpindleState::Stopped | SpindleState::Oriented => SpindleCommand::Stop,
                     SpindleState::Clockwise(_) => SpindleCommand::Clockwise(speed),
                     SpindleState::Counterclockwise(_) => SpindleCommand::Counterclockwise(speed),
                 };
@@ -455,7 +456,7 @@ impl<'a> Trajectory<'a> {
                 usable(length / time.0)?,
                 multiplier.map_or(vec![], |p| over_parameter(p, &m.path, length)),
             )),
-            Feed::PerRevolution(f) => {
+            Feed::PerRevolution(f) | Feed::Thread(Thread { advance: f, .. }) => {
                 let at = |u: f64| f.0 * self.spindle.revolutions(Millimetres(m.path.at(u).xyz[0])).0 / 60.0;
                 let constant = !has_surface_speed(&self.spindle);
                 let factors = multiplier.map_or(vec![], |p| over_parameter(p, &m.path, length));

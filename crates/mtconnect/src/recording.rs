@@ -1,7 +1,7 @@
 //! One entry for every form of recording: tells them apart by their first bytes.
 
 use crate::shdr::{looks_like, read_shdr};
-use crate::streams::read_streams;
+use crate::streams::{Streams, read_streams};
 use crate::text::read_text;
 use crate::track::{LengthUnit, StatedFrame, Track, of_streams};
 use plan::{Diagnostic, Diagnostics};
@@ -72,6 +72,19 @@ pub fn read(bytes: &[u8], file: &str, options: &ReadOptions) -> Reading {
     track.frame = track.frame.or(options.frame);
     Reading {
         form,
+        track,
+        diagnostics,
+    }
+}
+
+/// The places of observations that were read elsewhere: from a table. They are chosen as from a streams document.
+pub fn of_observations(streams: &Streams, file: &str, options: &ReadOptions) -> Reading {
+    let mut diagnostics = streams.diagnostics.clone();
+    let (item, device) = (options.item.as_deref(), options.device.as_deref());
+    let mut track = of_streams(streams, item, device, options.unit, file, &mut diagnostics);
+    track.frame = track.frame.or(options.frame);
+    Reading {
+        form: Form::Streams,
         track,
         diagnostics,
     }

@@ -79,6 +79,7 @@ pub(crate) fn read_shdr(
                     sequence: *sequence,
                     instance: 0,
                     position,
+                    lost: false,
                 })
             });
             (rows.collect(), key.to_owned())
@@ -175,6 +176,7 @@ fn put_together(keys: &BTreeMap<&str, Key<'_>>, axes: [&str; 3]) -> Vec<Row> {
             sequence: order,
             instance: 0,
             position,
+            lost: false,
         };
         match rows.last_mut() {
             Some(last) if last.at == at => *last = row,

@@ -41,10 +41,12 @@ pub struct Header {
     pub first_sequence: u64,
     /// Newest in the agent's buffer.
     pub last_sequence: u64,
+    /// How many observations the agent keeps.
+    pub buffer_size: u64,
 }
 
 /// A component of a device.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Source {
     /// The device's name.
     pub device: String,
@@ -364,16 +366,7 @@ impl Reader<'_> {
     }
 
     fn header(&mut self, element: &BytesStart<'_>, at: usize) {
-        let number = |name| attribute(element, name).parse().unwrap_or(0);
-        let header = Header {
-            created: instant::parse(&attribute(element, "creationTime")),
-            sender: attribute(element, "sender"),
-            instance: number("instanceId"),
-            version: attribute(element, "version"),
-            next_sequence: number("nextSequence"),
-            first_sequence: number("firstSequence"),
-            last_sequence: number("lastSequence"),
-        };
+        let header = header_of(element);
         if let Some(before) = self.streams.headers.last()
             && before.instance != header.instance
         {
@@ -444,7 +437,22 @@ impl Reader<'_> {
     }
 }
 
-fn attribute(element: &BytesStart<'_>, name: &str) -> String {
+/// The header of an answer of any kind.
+pub(crate) fn header_of(element: &BytesStart<'_>) -> Header {
+    let number = |name| attribute(element, name).trim().parse().unwrap_or(0);
+    Header {
+        created: instant::parse(&attribute(element, "creationTime")),
+        sender: attribute(element, "sender"),
+        instance: number("instanceId"),
+        version: attribute(element, "version"),
+        next_sequence: number("nextSequence"),
+        first_sequence: number("firstSequence"),
+        last_sequence: number("lastSequence"),
+        buffer_size: number("bufferSize"),
+    }
+}
+
+pub(crate) fn attribute(element: &BytesStart<'_>, name: &str) -> String {
     element
         .attributes()
         .with_checks(false)

@@ -8,12 +8,20 @@
 //! 97.003 -64.005 57.228 0 60949
 //! 93.259 -68.583 22.606 0.108 60950
 //! UNAVAILABLE 0.2 60951
+//! # gap instance=1450384768 from_sequence=60952 to_sequence=60990 cause=overrun
+//! # instance=1450400000 item=mill Mp1LPathPos
 //! ```
+//!
+//! Two kinds of lines may stand between the rows: `# instance=` says that the sequence numbers after it are those of another start of
+//! the agent, and from which item the positions are; `# gap` says that numbers are missing.
 
 use crate::instant;
 use crate::track::{LengthUnit, Row, StatedFrame, Track, TrackPoint, number, track_of};
 use plan::{Diagnostic, Diagnostics};
 use units::Timestamp;
+
+/// What our own first line begins with.
+pub const HEAD: &str = "# toolmark recording ";
 
 /// Writes the text form, one line at a time, so that the shell can flush each.
 #[derive(Clone, Debug, Default)]
@@ -31,10 +39,35 @@ impl TextWriter {
         };
         let source: String = source.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
         let line = format!(
-            "# toolmark recording units=mm frame={frame} start={} source={source}\n",
+            "{HEAD}units=mm frame={frame} start={} source={source}\n",
             instant::format(start)
         );
         (TextWriter { last: Some(start) }, line)
+    }
+
+    /// A writer that goes on after a row of that time.
+    pub fn resume(last: Timestamp) -> Self {
+        TextWriter { last: Some(last) }
+    }
+
+    /// The line that says which start of the agent the next rows belong to, and which item they are of.
+    pub fn instance(instance: u64, item: &str) -> String {
+        let item: String = item.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+        format!("# instance={instance} item={item}\n")
+    }
+
+    /// The line that says what is missing.
+    pub fn gap(gap: &crate::client::gap::Gap) -> String {
+        let to = gap.to_sequence.map_or("unknown".to_owned(), |to| to.to_string());
+        let time = |name: &str, at: Option<Timestamp>| at.map_or(String::new(), |at| format!(" {name}={}", instant::format(at)));
+        format!(
+            "# gap instance={} from_sequence={} to_sequence={to} cause={}{}{}\n",
+            gap.instance,
+            gap.from_sequence,
+            gap.cause.word(),
+            time("from", gap.from),
+            time("to", gap.to),
+        )
     }
 
     /// The line of a point, with its newline. Coordinates and times come back to the last bit.
@@ -74,6 +107,7 @@ pub(crate) fn read_text(
     let mut rows = Vec::new();
     let mut elapsed: i128 = 0;
     let mut seen = false;
+    let (mut instance, mut instance_said, mut lost) = (0u32, None, false);
     let mut note = |found: Diagnostic, line: usize| diagnostics.add(found.in_file(file).at_line(line as u32 + 1, 1));
     for (line, content) in text.lines().enumerate() {
         let content = content.trim_start_matches('\u{FEFF}').trim();
@@ -87,21 +121,17 @@ pub(crate) fn read_text(
                 }
             }
             seen = true;
+            let comment = comment.trim_start();
+            lost |= comment.starts_with("gap ");
+            if let Some(said) = comment.strip_prefix("instance=") {
+                let said = said.split_whitespace().next().unwrap_or_default();
+                instance += u32::from(instance_said.is_some_and(|before| before != said));
+                instance_said = Some(said);
+            }
             continue;
         }
         seen = true;
-        let words: Vec<&str> = content.split_whitespace().collect();
-        let row = match words[..] {
-            ["UNAVAILABLE", dt, sequence] => nanoseconds(dt).zip(sequence.parse().ok()).map(|(dt, s)| (None, dt, s)),
-            [x, y, z, dt, sequence] => number(x)
-                .zip(number(y))
-                .zip(number(z))
-                .zip(nanoseconds(dt))
-                .zip(sequence.parse().ok())
-                .map(|((((x, y), z), dt), s)| (Some([x, y, z]), dt, s)),
-            _ => None,
-        };
-        let Some((position, dt, sequence)) = row else {
+        let Some((dt, sequence, position)) = row(content) else {
             let shown: String = content.chars().take(60).collect();
             let message = format!(
                 "\"{shown}\" is no row: `x y z dt_seconds sequence` or `UNAVAILABLE dt_seconds sequence` was expected; it was left out"
@@ -122,8 +152,9 @@ pub(crate) fn read_text(
         rows.push(Row {
             at: Timestamp(at),
             sequence,
-            instance: 0,
+            instance,
             position,
+            lost: std::mem::take(&mut lost),
         });
     }
     if head.start.is_none() && !rows.is_empty() {
@@ -135,6 +166,21 @@ pub(crate) fn read_text(
     track.start_stated = head.start.is_some();
     track.source = head.source;
     track
+}
+
+/// A row: the time since the one before in nanoseconds, the sequence number, and the place in the recording's unit; `None` there when
+/// nothing is known. `None` for a line that is no row.
+pub fn row(line: &str) -> Option<(i128, u64, Option<[f64; 3]>)> {
+    let mut words = line.split_whitespace();
+    let mut next = || words.next();
+    let first = next()?;
+    let position = if first == "UNAVAILABLE" {
+        None
+    } else {
+        Some([number(first)?, number(next()?)?, number(next()?)?])
+    };
+    let (dt, sequence) = (nanoseconds(next()?)?, next()?.parse().ok()?);
+    next().is_none().then_some((dt, sequence, position))
 }
 
 struct Head {
@@ -252,6 +298,16 @@ mod tests {
         let (_, diagnostics) = read("# units=furlong\n1 2 3 0 1\n");
         assert!(diagnostics.has_errors());
         assert_eq!(diagnostics.as_slice()[0].line, 1);
+    }
+
+    #[test]
+    fn inches_beyond_the_largest_number_of_millimetres_are_no_position() {
+        let (track, diagnostics) = read("# units=inch\n1e308 2 3 0 1\n1 2 3 0.1 2\n");
+        assert_eq!(track.points.len(), 1);
+        assert!(
+            diagnostics.as_slice().iter().any(|d| d.code == "bad-position"),
+            "{diagnostics:?}"
+        );
     }
 
     proptest! {

@@ -5,6 +5,7 @@
 //! items are never mixed: `ACTUAL` is taken before `COMMANDED`, and among several items of the same kind (an agent may publish one in
 //! the work frame and one in the machine frame) the one with most values, unless the caller names one.
 
+use crate::candidate::{Candidate, Named, axis_of, candidate_of};
 use crate::streams::{Category, Observation, Streams, Value};
 use plan::{Diagnostic, Diagnostics};
 use std::collections::BTreeMap;
@@ -60,6 +61,8 @@ pub enum GapCause {
     Unavailable,
     /// Nothing was told for much longer than between other rows: the machine stood still, or the connection was gone.
     Silent,
+    /// The recorder could not have it: it says so.
+    Lost,
 }
 
 /// Which frame a recording says its numbers are in.
@@ -98,11 +101,23 @@ pub(crate) struct Row {
     pub(crate) instance: u32,
     /// In the recording's unit.
     pub(crate) position: Option<[f64; 3]>,
+    /// The recording says that something is missing before it.
+    pub(crate) lost: bool,
 }
 
 /// Puts rows in order and makes a track of them.
 pub(crate) fn track_of(mut rows: Vec<Row>, unit: Option<LengthUnit>, file: &str, diagnostics: &mut Diagnostics) -> Track {
     let scale = unit.unwrap_or_default().in_mm();
+    let before = rows.len();
+    // 1e308 inches are no number of millimetres.
+    rows.retain(|row| row.position.is_none_or(|p| p.iter().all(|c| (c * scale).is_finite())));
+    if rows.len() < before {
+        let message = format!(
+            "{} rows are too far away to be a position; they were left out",
+            before - rows.len()
+        );
+        diagnostics.add(Diagnostic::warning("bad-position", message).in_file(file));
+    }
     let key = |row: &Row| (row.instance, row.sequence);
     let numbered = rows.iter().all(|row| row.sequence > 0);
     let disorder = if numbered {
@@ -177,13 +192,13 @@ pub(crate) fn track_of(mut rows: Vec<Row>, unit: Option<LengthUnit>, file: &str,
                         to: row.at,
                         cause: GapCause::Unavailable,
                     });
-                } else if silent {
+                } else if silent || row.lost {
                     let from = last.unwrap_or(row.at);
                     track.gaps.push(Gap {
                         before,
                         from,
                         to: row.at,
-                        cause: GapCause::Silent,
+                        cause: if row.lost { GapCause::Lost } else { GapCause::Silent },
                     });
                 }
                 track.points.push(TrackPoint {
@@ -254,7 +269,7 @@ pub(crate) fn of_streams(
     // Candidates: one a PathPosition item, and one a (device, sub-type) with all three axes.
     let mut candidates: BTreeMap<Candidate, usize> = BTreeMap::new();
     for o in &positions {
-        if let Some(candidate) = candidate_of(o, streams) {
+        if let Some(candidate) = candidate_of(&named(o, streams)) {
             *candidates.entry(candidate).or_default() += 1;
         }
     }
@@ -262,7 +277,7 @@ pub(crate) fn of_streams(
         item.is_none_or(|wanted| {
             positions
                 .iter()
-                .any(|o| candidate_of(o, streams).as_ref() == Some(c) && (o.item == wanted || o.name == wanted))
+                .any(|o| candidate_of(&named(o, streams)).as_ref() == Some(c) && (o.item == wanted || o.name == wanted))
         })
     };
     let best = candidates
@@ -301,7 +316,7 @@ pub(crate) fn of_streams(
     }
     let mut chosen: Vec<&Observation> = positions
         .into_iter()
-        .filter(|o| candidate_of(o, streams).as_ref() == Some(&best))
+        .filter(|o| candidate_of(&named(o, streams)).as_ref() == Some(&best))
         .collect();
     let rows = if best.axes {
         // Axes are put together in the agent's order, so the observations are sorted first.
@@ -330,72 +345,14 @@ pub(crate) fn of_streams(
     track
 }
 
-/// A set of data items that make places together.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-struct Candidate {
-    device: String,
-    axes: bool,
-    sub_type: String,
-    /// The data item; for axes, what is the same in their items' names.
-    item: String,
-}
-
-impl Candidate {
-    /// Actual before unsaid before commanded; a whole place before single axes.
-    fn rank(&self) -> (u8, bool) {
-        let sub_type = match self.sub_type.as_str() {
-            "ACTUAL" => 3,
-            "" => 2,
-            "COMMANDED" => 1,
-            _ => 0,
-        };
-        (sub_type, !self.axes)
+fn named<'a>(o: &'a Observation, streams: &'a Streams) -> Named<'a> {
+    Named {
+        kind: &o.kind,
+        sub_type: &o.sub_type,
+        id: &o.item,
+        name: &o.name,
+        source: &streams.sources[o.source],
     }
-}
-
-impl std::fmt::Display for Candidate {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{} {}", self.device, self.item)?;
-        if !self.sub_type.is_empty() {
-            write!(f, " ({})", self.sub_type)?;
-        }
-        Ok(())
-    }
-}
-
-fn candidate_of(o: &Observation, streams: &Streams) -> Option<Candidate> {
-    let source = &streams.sources[o.source];
-    let axes = o.kind == "Position";
-    let item = if axes {
-        let axis = axis_of(o, streams)?;
-        // `Xabs`, `Yabs`, `Zabs` belong together, and not with `Xmach`: what is left of the name without its axis letter.
-        let name = if o.name.is_empty() { &o.item } else { &o.name };
-        let letter = ["X", "Y", "Z"][axis];
-        let rest: String = match name.find(letter).or_else(|| name.find(&letter.to_lowercase())) {
-            Some(at) => format!("{}*{}", &name[..at], &name[at + 1..]),
-            None => "*".to_owned(),
-        };
-        rest
-    } else {
-        o.item.clone()
-    };
-    Some(Candidate {
-        device: source.device.clone(),
-        axes,
-        sub_type: o.sub_type.clone(),
-        item,
-    })
-}
-
-/// Which axis an axis position is of: by the name of its component.
-fn axis_of(o: &Observation, streams: &Streams) -> Option<usize> {
-    let source = &streams.sources[o.source];
-    if source.component != "Linear" {
-        return None;
-    }
-    let name = source.name.trim();
-    let letter = if name.is_empty() { &source.id } else { name };
-    ["X", "Y", "Z"].iter().position(|axis| letter.eq_ignore_ascii_case(axis))
 }
 
 fn path_row(o: &Observation, file: &str, diagnostics: &mut Diagnostics) -> Option<Row> {
@@ -414,6 +371,7 @@ fn path_row(o: &Observation, file: &str, diagnostics: &mut Diagnostics) -> Optio
         sequence: o.sequence,
         instance: o.instance,
         position,
+        lost: false,
     })
 }
 
@@ -422,7 +380,7 @@ fn axis_rows(chosen: &[&Observation], streams: &Streams, file: &str, diagnostics
     let mut axes: [Option<f64>; 3] = [None; 3];
     let mut known = false;
     for o in chosen {
-        let Some(axis) = axis_of(o, streams) else { continue };
+        let Some(axis) = axis_of(&named(o, streams)) else { continue };
         match &o.value {
             Value::Unavailable => axes[axis] = None,
             Value::Text(text) => match number(text) {
@@ -445,6 +403,7 @@ fn axis_rows(chosen: &[&Observation], streams: &Streams, file: &str, diagnostics
             sequence: o.sequence,
             instance: o.instance,
             position,
+            lost: false,
         };
         match rows.last_mut() {
             // The axes of one moment are one place.

@@ -22,7 +22,7 @@ pub use modal::Modal;
 pub use path::{Arc, Path, Spline};
 pub use step::{
     CoolantState, Feed, FileId, FrameChange, Level, MachineMove, Marker, Move, Origin, PathMode, Place, RawNcFunction, Register,
-    RegisterChange, Speed, SpeedProfile, SpindleMode, SpindleState, Step, StepKind, StopKind, ToolCall, ToolOffset,
+    RegisterChange, Speed, SpeedProfile, SpindleMode, SpindleState, Step, StepKind, StopKind, Thread, ToolCall, ToolOffset,
 };
 pub use stream::{
     Answer, ByteSource, MemorySource, Next, NoOtherFiles, ProgramStream, Question, ReadError, Resolver, restart_at,

@@ -5,7 +5,7 @@
 
 use crate::path::Path;
 use std::collections::BTreeMap;
-use units::{Machine, Millimetres, MmPerSec, Rpm, Seconds, Setup, StepId, ToolNumber, Transform, Vector};
+use units::{Machine, Millimetres, MmPerSec, Radians, Rpm, Seconds, Setup, StepId, ToolNumber, Transform, Vector};
 
 /// One thing to do, with where it was said.
 #[derive(Clone, Debug, PartialEq)]
@@ -149,6 +149,38 @@ pub enum Register {
 }
 
 impl Register {
+    /// The register that [`Register::name`] names so.
+    pub fn named(text: &str) -> Option<Register> {
+        let axis_of = |letter: &str| ["X", "Y", "Z"].iter().position(|l| *l == letter);
+        if let Some(number) = text.strip_prefix('#') {
+            return number.parse().ok().map(Register::Variable);
+        }
+        if let Some((number, rest)) = text.strip_prefix("tool ").and_then(|rest| rest.split_once(' ')) {
+            let tool = number.parse().ok()?;
+            return Some(match rest {
+                "radius" => Register::ToolRadius { tool },
+                "radius wear" => Register::ToolRadiusWear { tool },
+                "tip direction" => Register::TipDirection { tool },
+                _ => match rest.split_once(' ')? {
+                    ("geometry", letter) => Register::ToolGeometry {
+                        tool,
+                        axis: axis_of(letter)?,
+                    },
+                    ("wear", letter) => Register::ToolWear {
+                        tool,
+                        axis: axis_of(letter)?,
+                    },
+                    _ => return None,
+                },
+            });
+        }
+        let (name, letter) = text.rsplit_once(' ')?;
+        Some(Register::WorkOffset {
+            name: name.to_owned(),
+            axis: axis_of(letter)?,
+        })
+    }
+
     /// Its name in logs: `G54 X`, `tool 5 wear X`, `#501`.
     pub fn name(&self) -> String {
         const AXES: [&str; 3] = ["X", "Y", "Z"];
@@ -195,6 +227,21 @@ pub enum Feed {
     PerRevolution(Millimetres),
     /// The whole move takes this long (inverse time).
     WholeMove(Seconds),
+    /// Tied to the angle of the spindle: a thread or a rigid tap.
+    Thread(Thread),
+}
+
+/// A move that belongs to an angle of the spindle, so that a second one cuts in the groove of the first.
+///
+/// The step says what has to be so; how closely it is held is the machine's. A planner that does not see the spindle's encoder plans
+/// it at advance times revolutions and says so.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thread {
+    /// Path length for each revolution. (A program gives the lead along one axis; on a taper the path is longer.)
+    pub advance: Millimetres,
+    /// Angle of the spindle, from its index mark in the direction of rotation, at which the move begins; `None` follows on from the
+    /// thread before without waiting for the mark.
+    pub start: Option<Radians>,
 }
 
 /// A feed multiplier along a path.
@@ -273,6 +320,8 @@ pub enum SpindleState {
     /// It stands.
     #[default]
     Stopped,
+    /// It stands at its own fixed angle (M19, and boring cycles that move the tool's point off the wall).
+    Oriented,
     /// M3: clockwise, seen from the spindle towards the workpiece.
     Clockwise(SpindleMode),
     /// M4.
@@ -297,7 +346,7 @@ impl SpindleState {
     /// Revolutions with the tip at `radius`; surface speed at radius 0 gives the limit.
     pub fn revolutions(&self, radius: Millimetres) -> Rpm {
         match self {
-            SpindleState::Stopped => Rpm::ZERO,
+            SpindleState::Stopped | SpindleState::Oriented => Rpm::ZERO,
             SpindleState::Clockwise(mode) | SpindleState::Counterclockwise(mode) => match *mode {
                 SpindleMode::Revolutions(n) => n,
                 SpindleMode::Surface { speed, limit } => {
@@ -396,4 +445,28 @@ pub struct RawNcFunction {
     pub text: String,
     /// Other named data.
     pub properties: BTreeMap<String, String>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_register_is_found_by_its_name_in_the_log() {
+        for register in [
+            Register::Variable(501),
+            Register::ToolGeometry { tool: 5, axis: 2 },
+            Register::ToolWear { tool: 12, axis: 0 },
+            Register::ToolRadius { tool: 1 },
+            Register::ToolRadiusWear { tool: 1 },
+            Register::TipDirection { tool: 3 },
+            Register::WorkOffset {
+                name: "G54.1 P12".to_owned(),
+                axis: 1,
+            },
+        ] {
+            assert_eq!(Register::named(&register.name()), Some(register));
+        }
+        assert_eq!(Register::named("tool five wear X"), None);
+    }
 }

@@ -3,10 +3,10 @@
 //! No reader collects its steps into a list: a program may be ten million blocks long, or endless, or decide by a measured value what
 //! comes next. Everything that is not a question may be looked ahead.
 
-use crate::{Alarm, Diagnostic, Expression, FileId, Modal, Step};
+use crate::{Alarm, Diagnostic, Expression, Feed, FileId, Modal, Step};
 use std::fmt;
 use thiserror::Error;
-use units::StepId;
+use units::{Point, Setup, StepId};
 
 /// What a program says when asked for its next step.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,6 +30,16 @@ pub enum Question {
     Condition(Expression),
     /// What is the value of this variable or sensor now? ([`Answer::Number`])
     Number(String),
+    /// On a straight move of the tip from here to there at this speed, where does the skip signal stop it? ([`Answer::Place`]; `None`
+    /// when no signal comes on the way.) The move itself follows as a step that ends there. [`Answer::Unknown`]: there is no probe.
+    Skip {
+        /// Where the tip is.
+        from: Point<Setup>,
+        /// Where the program sends it.
+        to: Point<Setup>,
+        /// How fast.
+        feed: Feed,
+    },
 }
 
 /// The machine's answer.
@@ -39,6 +49,8 @@ pub enum Answer {
     Number(Option<f64>),
     /// True or false.
     Truth(bool),
+    /// A place of the tip; `None` when what was asked for did not happen.
+    Place(Option<Point<Setup>>),
     /// The machine does not know that: the program alarms, or goes on with its own count and says so.
     Unknown,
 }

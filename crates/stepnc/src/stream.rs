@@ -1142,7 +1142,7 @@ fn feed(path: u64, toolpath: &Toolpath, feed: Option<FeedSetting>, tool: Option<
     };
     let size = match feed {
         Feed::PerTime(speed) => speed.0,
-        Feed::PerRevolution(length) => length.0,
+        Feed::PerRevolution(length) | Feed::Thread(plan::Thread { advance: length, .. }) => length.0,
         Feed::WholeMove(time) => time.0,
     };
     if size <= 0.0 {

@@ -5,12 +5,19 @@
 //! columns, and come back bit-equal. The file's own metadata says machine, start, seed, frame, unit, whether a simulator made it, and
 //! holds all events of the job, so that it can be read without the data directory it came from.
 //!
-//! [`Writer`] makes one, [`Reader`] opens one, ours or one that only looks like it.
+//! [`Writer`] makes one, [`Reader`] opens one, ours or one that only looks like it, [`extract`] takes a part of one.
 
+mod extract;
+mod pages;
 mod reader;
-mod schema;
-mod writer;
+pub(crate) mod rows;
+pub(crate) mod schema;
+pub(crate) mod writer;
 
+pub use extract::extract;
+pub(crate) use pages::Pages;
+pub(crate) use reader::columns_of;
 pub use reader::{Batch, Column, Reader, Row};
+pub use rows::SampleRows;
 pub use schema::Header;
-pub use writer::{Finished, Writer};
+pub use writer::{ColumnsWriter, Finished, Writer};

@@ -3,39 +3,29 @@
 use super::schema::{self, Header, key};
 use super::writer::Finished;
 use crate::StoreError;
-use crate::whole_file::{hash_of, hash_of_file};
+use crate::table::Table;
+use crate::whole_file::hash_of_file;
 use arrow_array::cast::AsArray;
 use arrow_array::types::{Int32Type, Int64Type, TimestampMicrosecondType, UInt8Type};
 use arrow_array::{Array, Int32Array, RecordBatch};
 use arrow_schema::{DataType, Schema};
 use ledger::{Event, Hash};
 use machine::{Phase, Quality};
-use parquet::arrow::arrow_reader::{
-    ArrowReaderMetadata, ArrowReaderOptions, ParquetRecordBatchReader, ParquetRecordBatchReaderBuilder,
-};
-use parquet::file::metadata::ParquetMetaDataReader;
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{Read, Seek};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use units::{StepId, Tick, Timestamp, ToolNumber, WorkingstepId};
 
 /// An open record.
 pub struct Reader {
     path: PathBuf,
-    file: File,
-    arrow: ArrowReaderMetadata,
+    table: Table,
     header: Header,
-    metadata: BTreeMap<String, String>,
     columns: Vec<Column>,
-    rows: u64,
 }
 
 impl std::fmt::Debug for Reader {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Reader({}, {} rows)", self.path.display(), self.rows)
+        write!(f, "Reader({}, {} rows)", self.path.display(), self.len())
     }
 }
 
@@ -66,6 +56,12 @@ impl Column {
             raw * self.scale
         };
         scaled + self.offset
+    }
+
+    /// The least and the greatest reading behind the least and the greatest raw number; a negative scale turns them round.
+    pub(crate) fn ordered(&self, min: i32, max: i32) -> (f64, f64) {
+        let (a, b) = (self.value(min), self.value(max));
+        (a.min(b), a.max(b))
     }
 }
 
@@ -105,37 +101,14 @@ impl Reader {
             path: path.to_owned(),
             what,
         };
-        let mut file = File::open(path).map_err(StoreError::io("open", path))?;
-        let mut mark = [0; 4];
-        let marked = file.read_exact(&mut mark).is_ok() && mark == *b"PAR1";
-        if !marked {
-            return Err(not_ours("it does not begin as a Parquet file".to_owned()));
-        }
-        // First what the footer alone says, with a decoder that only gives errors; the Arrow schema inside the metadata is decoded by
-        // one that panics on a flipped bit, so the metadata is held against its digest before.
-        let footer = guarded(path, || ParquetMetaDataReader::new().parse_and_finish(&file))?;
-        let pairs = footer.file_metadata().key_value_metadata().into_iter().flatten();
-        let metadata: BTreeMap<String, String> = pairs
-            .map(|kv| (kv.key.clone(), kv.value.clone().unwrap_or_default()))
-            .collect();
-        let header = header_of(&metadata).map_err(not_ours)?;
-        check_hashes(&mut file, &metadata).map_err(|what| StoreError::Damaged {
-            path: path.to_owned(),
-            what,
-        })?;
-        let rows = u64::try_from(footer.file_metadata().num_rows()).unwrap_or(0);
-        let arrow = guarded(path, || {
-            ArrowReaderMetadata::try_new(Arc::new(footer), ArrowReaderOptions::new())
-        })?;
-        let columns = columns_of(arrow.schema()).map_err(not_ours)?;
+        let table = Table::open_if(path, |metadata| header_of(metadata).map(drop))?;
+        let header = header_of(table.metadata()).map_err(not_ours)?;
+        let columns = columns_of(table.schema()).map_err(not_ours)?;
         Ok(Reader {
             path: path.to_owned(),
-            file,
-            arrow,
+            table,
             header,
-            metadata,
             columns,
-            rows,
         })
     }
 
@@ -145,19 +118,23 @@ impl Reader {
     }
     /// Everything that the file says about itself, by key.
     pub fn metadata(&self) -> &BTreeMap<String, String> {
-        &self.metadata
+        self.table.metadata()
     }
     /// The columns of readings, in file order.
     pub fn columns(&self) -> &[Column] {
         &self.columns
     }
+    /// All columns, as Arrow has them.
+    pub(super) fn arrow_schema(&self) -> &Schema {
+        self.table.schema()
+    }
     /// The number of rows.
     pub fn len(&self) -> u64 {
-        self.rows
+        self.table.len()
     }
     /// True for a record without rows.
     pub fn is_empty(&self) -> bool {
-        self.rows == 0
+        self.table.is_empty()
     }
 
     /// The events of the job, in order, their chain checked.
@@ -169,7 +146,7 @@ impl Reader {
             path: self.path.clone(),
             what,
         };
-        let text = self.metadata.get(key::EVENTS).map_or("[]", String::as_str);
+        let text = self.metadata().get(key::EVENTS).map_or("[]", String::as_str);
         let events: Vec<Event> = serde_json::from_str(text).map_err(|e| damaged(format!("its events: {e}")))?;
         ledger::verify(&events).map_err(|broken| damaged(format!("its events: {broken}")))?;
         Ok(events)
@@ -198,11 +175,15 @@ impl Reader {
         }
         Ok(Finished {
             path: self.path.clone(),
-            rows: self.rows,
+            rows: self.len(),
             span_us,
             bytes: self.path.metadata().map_err(StoreError::io("read", &self.path))?.len(),
             hash: self.hash()?,
-            unavailable: self.metadata.get(key::UNAVAILABLE).and_then(|n| n.parse().ok()).unwrap_or(0),
+            unavailable: self
+                .metadata()
+                .get(key::UNAVAILABLE)
+                .and_then(|n| n.parse().ok())
+                .unwrap_or(0),
         })
     }
 
@@ -226,20 +207,8 @@ impl Reader {
     /// # Errors
     /// As [`Reader::rows`].
     pub fn batches(&self) -> Result<impl Iterator<Item = Result<Batch, StoreError>> + use<>, StoreError> {
-        let path = self.path.clone();
-        let mut reader = Some(guarded(&path, || {
-            ParquetRecordBatchReaderBuilder::new_with_metadata(self.file.try_clone()?, self.arrow.clone())
-                .with_batch_size(schema::PAGE)
-                .build()
-        })?);
-        let columns = self.columns.clone();
-        Ok(std::iter::from_fn(move || {
-            let next = next_batch(&path, reader.as_mut()?).transpose()?;
-            if next.is_err() {
-                reader = None;
-            }
-            Some(next.and_then(|arrow| Batch::new(&path, arrow, columns.clone())))
-        }))
+        let (path, columns, batches) = (self.path.clone(), self.columns.clone(), self.table.batches()?);
+        Ok(batches.map(move |next| next.and_then(|arrow| Batch::new(&path, arrow, columns.clone()))))
     }
 }
 
@@ -252,7 +221,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    fn new(path: &Path, arrow: RecordBatch, columns: Vec<Column>) -> Result<Batch, StoreError> {
+    pub(crate) fn new(path: &Path, arrow: RecordBatch, columns: Vec<Column>) -> Result<Batch, StoreError> {
         // The file's footer gave the schema, and `columns_of` checked it; a reader that gives another one is met here.
         columns_of(&arrow.schema()).map_err(|what| StoreError::Damaged {
             path: path.to_owned(),
@@ -323,45 +292,6 @@ impl Batch {
     }
 }
 
-fn next_batch(path: &Path, reader: &mut ParquetRecordBatchReader) -> Result<Option<RecordBatch>, StoreError> {
-    guarded(path, || Ok(reader.next().transpose()?))
-}
-
-/// Runs the Parquet decoder on bytes of unknown health. Damage by accident is found by the hashes before; a file made to hurt may still
-/// bring the decoder to a panic, and that is a damaged file and not a fault of ours.
-fn guarded<T>(path: &Path, work: impl FnOnce() -> parquet::errors::Result<T>) -> Result<T, StoreError> {
-    let damaged = |what: String| StoreError::Damaged {
-        path: path.to_owned(),
-        what,
-    };
-    match catch_unwind(AssertUnwindSafe(work)) {
-        Ok(done) => done.map_err(|e| damaged(e.to_string())),
-        Err(_) => Err(damaged("the Parquet decoder gave up on it".to_owned())),
-    }
-}
-
-/// Holds metadata and data against the hashes in the metadata.
-fn check_hashes(file: &mut File, metadata: &BTreeMap<String, String>) -> Result<(), String> {
-    let said = |key: &str| metadata.get(key).ok_or_else(|| format!("its metadata has no {key}"));
-    if *said(key::DIGEST)? != schema::digest(metadata).to_string() {
-        return Err("its metadata is not what was written".to_owned());
-    }
-    let data = said(key::DATA)?;
-    let (length, hash) = data
-        .split_once(' ')
-        .ok_or("its metadata does not tell the hash of its data")?;
-    let length = length
-        .parse()
-        .map_err(|_| "its metadata does not tell the length of its data")?;
-    file.rewind().map_err(|e| e.to_string())?;
-    let found = hash_of(&mut file.take(length)).map_err(|e| e.to_string())?;
-    if found.to_string() == hash {
-        Ok(())
-    } else {
-        Err("its rows are not what was written".to_owned())
-    }
-}
-
 fn header_of(metadata: &BTreeMap<String, String>) -> Result<Header, String> {
     let text = |key: &str| {
         metadata
@@ -395,7 +325,7 @@ fn header_of(metadata: &BTreeMap<String, String>) -> Result<Header, String> {
     })
 }
 
-fn columns_of(schema: &Schema) -> Result<Vec<Column>, String> {
+pub(crate) fn columns_of(schema: &Schema) -> Result<Vec<Column>, String> {
     let is = |name: &str, wanted: &DataType| match schema.field_with_name(name) {
         Ok(field) if field.data_type() == wanted && !field.is_nullable() => Ok(()),
         Ok(field) => Err(format!("its column {name} is {}, expected {wanted}", field.data_type())),

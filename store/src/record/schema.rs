@@ -25,15 +25,22 @@ pub struct Header {
     pub seed: u64,
 }
 
+impl Header {
+    /// What a record says about itself before its first row: the metadata of its segments.
+    pub fn metadata(&self) -> BTreeMap<String, String> {
+        metadata(self)
+    }
+}
+
 /// Version of this layout, in the file's metadata.
-pub(super) const LAYOUT: &str = "1";
+pub(crate) const LAYOUT: &str = "1";
 /// Rows of a row group.
 const ROW_GROUP: usize = 262_144;
 /// Rows of a page, and of a batch handed to the encoder.
-pub(super) const PAGE: usize = 8192;
+pub(crate) const PAGE: usize = 8192;
 
 /// Keys of the file's metadata.
-pub(super) mod key {
+pub(crate) mod key {
     pub const LAYOUT: &str = "toolmark.record";
     pub const VERSION: &str = "toolmark.version";
     pub const MACHINE: &str = "toolmark.machine";
@@ -46,6 +53,10 @@ pub(super) mod key {
     pub const ROWS: &str = "toolmark.rows";
     pub const UNAVAILABLE: &str = "toolmark.unavailable_values";
     pub const EVENTS: &str = "toolmark.events";
+    /// Rows that are missing, when there are any: a JSON list of first, last, count, cause.
+    pub const GAPS: &str = "toolmark.gaps";
+    /// What of its segments could not be read, when there is any.
+    pub const LOST: &str = "toolmark.lost";
     /// Length and SHA-256 of everything before the Parquet footer.
     pub const DATA: &str = "toolmark.data";
     /// SHA-256 of all other pairs of the metadata.
@@ -59,16 +70,16 @@ pub(super) mod key {
 }
 
 /// Columns before the channels.
-pub(super) const TS: &str = "ts";
-pub(super) const TICK: &str = "tick";
-pub(super) const STEP: &str = "step";
-pub(super) const WORKINGSTEP: &str = "workingstep";
-pub(super) const TOOL: &str = "tool";
-pub(super) const PHASE: &str = "phase";
-pub(super) const QUALITY: &str = "quality";
+pub(crate) const TS: &str = "ts";
+pub(crate) const TICK: &str = "tick";
+pub(crate) const STEP: &str = "step";
+pub(crate) const WORKINGSTEP: &str = "workingstep";
+pub(crate) const TOOL: &str = "tool";
+pub(crate) const PHASE: &str = "phase";
+pub(crate) const QUALITY: &str = "quality";
 
 /// The Arrow schema of a record.
-pub(super) fn arrow_schema() -> Arc<Schema> {
+pub(crate) fn arrow_schema() -> Arc<Schema> {
     let mut fields = vec![
         Field::new(TS, DataType::Timestamp(TimeUnit::Microsecond, Some("UTC".into())), false),
         Field::new(TICK, DataType::Int64, false),
@@ -90,7 +101,7 @@ pub(super) fn arrow_schema() -> Arc<Schema> {
 }
 
 /// How the file is written; measured, see the head of the module for what it buys.
-pub(super) fn properties(header: &Header) -> Result<WriterProperties> {
+pub(crate) fn properties(columns: &Schema, metadata: &BTreeMap<String, String>) -> Result<WriterProperties> {
     let mut builder = WriterProperties::builder()
         // Our version and not the library's: an update of the library alone must not change the bytes of a record.
         .set_created_by(format!("toolmark {}", env!("CARGO_PKG_VERSION")))
@@ -101,26 +112,49 @@ pub(super) fn properties(header: &Header) -> Result<WriterProperties> {
         .set_max_row_group_row_count(Some(ROW_GROUP))
         .set_data_page_row_count_limit(PAGE)
         .set_write_batch_size(PAGE)
-        .set_sorting_columns(Some(vec![SortingColumn {
-            column_idx: 0,
-            descending: false,
-            nulls_first: false,
-        }]))
         .set_key_value_metadata(Some(
-            metadata(header)
-                .into_iter()
-                .map(|(key, value)| KeyValue::new(key, value))
+            metadata
+                .iter()
+                .map(|(key, value)| KeyValue::new(key.clone(), value.clone()))
                 .collect(),
         ));
-    // Few different values in long runs.
-    for name in [WORKINGSTEP, TOOL, PHASE, QUALITY] {
-        builder = builder.set_column_dictionary_enabled(ColumnPath::from(name), true);
+    // Samples rise with time. Observations stand in the order of an agent's numbers, and its adapters' clocks are not one clock.
+    if let (Ok(place), Ok(_)) = (columns.index_of(TS), columns.index_of(TICK)) {
+        builder = builder.set_sorting_columns(Some(vec![SortingColumn {
+            column_idx: i32::try_from(place).unwrap_or_default(),
+            descending: false,
+            nulls_first: false,
+        }]));
+    }
+    for field in columns.fields() {
+        let path = ColumnPath::from(field.name().as_str());
+        builder = match field.data_type() {
+            // Few different values in long runs.
+            DataType::UInt8 | DataType::Dictionary(..) => builder.set_column_dictionary_enabled(path, true),
+            DataType::Int32 if [WORKINGSTEP, TOOL].contains(&field.name().as_str()) => {
+                builder.set_column_dictionary_enabled(path, true)
+            }
+            DataType::Utf8 => builder
+                .set_column_dictionary_enabled(path.clone(), true)
+                .set_column_encoding(path, Encoding::DELTA_BYTE_ARRAY),
+            // Numbers without a scale: mostly decimal fractions that come again, which byte streams make longer (measured).
+            DataType::Float64 => builder
+                .set_column_dictionary_enabled(path.clone(), true)
+                .set_column_encoding(path, Encoding::PLAIN),
+            DataType::Boolean => builder.set_column_encoding(path, Encoding::PLAIN),
+            _ => builder,
+        };
+        if matches!(field.data_type(), DataType::Dictionary(..)) {
+            // Where the dictionary grows too large for one.
+            let path = ColumnPath::from(field.name().as_str());
+            builder = builder.set_column_encoding(path, Encoding::DELTA_BYTE_ARRAY);
+        }
     }
     Ok(builder.build())
 }
 
 /// What the file says about itself before its first row.
-pub(super) fn metadata(header: &Header) -> BTreeMap<String, String> {
+pub(crate) fn metadata(header: &Header) -> BTreeMap<String, String> {
     let start = jiff::Timestamp::from_nanosecond(i128::from(header.start.0)).map_or_else(|_| String::new(), |t| t.to_string());
     [
         (key::LAYOUT, LAYOUT.to_owned()),
@@ -138,7 +172,7 @@ pub(super) fn metadata(header: &Header) -> BTreeMap<String, String> {
 }
 
 /// The hash of all pairs but itself. A flipped bit in a Parquet footer is otherwise read as good, or makes the decoder panic.
-pub(super) fn digest(metadata: &BTreeMap<String, String>) -> Hash {
+pub(crate) fn digest(metadata: &BTreeMap<String, String>) -> Hash {
     let mut bytes = Vec::new();
     for (key, value) in metadata.iter().filter(|(key, _)| *key != key::DIGEST) {
         for text in [key, value] {

@@ -133,6 +133,10 @@ pub fn spell(kind: &StepKind) -> String {
                 Speed::Rapid => "rapid".to_owned(),
                 Speed::Feed(Feed::PerTime(v)) => format!("F{}/min", n(v.mm_per_min())),
                 Speed::Feed(Feed::PerRevolution(f)) => format!("F{}/rev", n(f.0)),
+                Speed::Feed(Feed::Thread(thread)) => match thread.start {
+                    Some(angle) => format!("thread {}/rev from {}deg", n(thread.advance.0), n(angle.0.to_degrees())),
+                    None => format!("thread {}/rev on", n(thread.advance.0)),
+                },
                 Speed::Feed(Feed::WholeMove(t)) => format!("in {} s", n(t.0)),
             };
             match &m.path {
@@ -165,6 +169,7 @@ pub fn spell(kind: &StepKind) -> String {
             xyz(o.wear.xyz),
             if o.assumed { " assumed" } else { "" }
         ),
+        StepKind::Spindle(SpindleState::Oriented) => "spindle oriented".to_owned(),
         StepKind::Spindle(SpindleState::Stopped) => "spindle stopped".to_owned(),
         StepKind::Spindle(SpindleState::Clockwise(mode)) => format!("spindle cw {}", spell_mode(mode)),
         StepKind::Spindle(SpindleState::Counterclockwise(mode)) => format!("spindle ccw {}", spell_mode(mode)),

@@ -1,0 +1,152 @@
+//! `toolmark record`: what an MTConnect agent tells, into a file that is never more than a moment behind.
+
+use super::{Done, print_json};
+use crate::cli::{Common, RecordArgs};
+use crate::failure::{Exit, Failure};
+use crate::recorder::Sink;
+use crate::recorder::observations::ObservationsSink;
+use crate::recorder::session::{self, Ended};
+use crate::recorder::text::TextSink;
+use crate::{clock, say};
+use mtconnect::client::gap::Gap;
+use mtconnect::client::query::Query;
+use mtconnect::client::session::Client;
+use plan::{Diagnostic, Severity};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+/// Runs the command.
+///
+/// # Errors
+/// The address or the query is wrong, there is no agent, or the file cannot be written.
+pub fn record(args: &RecordArgs, common: &Common) -> Done {
+    let mut query = Query::parse(&args.url).map_err(Failure::usage)?;
+    let milliseconds = |ms: Option<u64>| ms.map(Duration::from_millis);
+    query.path = args.path.clone().or(query.path);
+    query.from = args.from.or(query.from);
+    query.count = args.count.or(query.count);
+    query.interval = milliseconds(args.interval).or(query.interval);
+    query.heartbeat = milliseconds(args.heartbeat).or(query.heartbeat);
+    let duration = match args.duration {
+        None => None,
+        Some(seconds) => Some(
+            Duration::try_from_secs_f64(seconds)
+                .ok()
+                .filter(|d| !d.is_zero())
+                .ok_or_else(|| Failure::usage(format_args!("--duration {seconds}: a number of seconds above 0 was expected")))?,
+        ),
+    };
+    let stop = stopped_by_signals()?;
+    let source = format!("agent {}{}", query.authority(), query.device);
+    let host = (query.host.clone(), query.port);
+    let out = &args.out;
+    let (mut text, mut observations);
+    let sink: &mut dyn Sink = match ending_of(out) {
+        "txt" => {
+            text = TextSink::open(out, &source)?;
+            &mut text
+        }
+        "parquet" => {
+            observations = ObservationsSink::open(out, &source)?;
+            &mut observations
+        }
+        _ => {
+            return Err(Failure::usage(format_args!(
+                "{}: the ending says what is written: .txt for positions, .parquet for every observation",
+                out.display()
+            )));
+        }
+    };
+    let client = Client::new(query, sink.kept());
+    let ended = session::record(client, (&host.0, host.1), sink, duration, &stop)?;
+    report(&ended, sink, &source, out, common)
+}
+
+fn ending_of(path: &Path) -> &str {
+    path.extension().and_then(|e| e.to_str()).unwrap_or_default()
+}
+
+/// Ctrl-C, and what a system says to a service that shall end. A second Ctrl-C ends at once, as if there were no first one.
+fn stopped_by_signals() -> Result<Arc<AtomicBool>, Failure> {
+    use signal_hook::consts::{SIGINT, SIGTERM};
+    use signal_hook::flag;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        flag::register_conditional_default(signal, Arc::clone(&stop))
+            .and_then(|_| flag::register(signal, Arc::clone(&stop)))
+            .map_err(|e| Failure::machine(format_args!("Ctrl-C cannot be listened for: {e}")))?;
+    }
+    Ok(stop)
+}
+
+fn report(ended: &Ended, sink: &dyn Sink, source: &str, out: &Path, common: &Common) -> Done {
+    let (counters, tally) = (&ended.counters, sink.tally());
+    let odd: Vec<&Diagnostic> = ended.diagnostics.iter().chain(sink.remarks()).collect();
+    for found in odd.iter().filter(|d| d.severity != Severity::Remark) {
+        eprintln!("{found}");
+    }
+    if common.json {
+        print_json(&json!({
+            "source": source,
+            "file": out.display().to_string(),
+            "observations": tally.observations,
+            "bytes": tally.bytes,
+            "first_sequence": tally.first_sequence,
+            "last_sequence": tally.last_sequence,
+            "instance_ids": tally.instances,
+            "gaps": tally.gaps.iter().map(gap_json).collect::<Vec<_>>(),
+            "reconnects": counters.reconnects,
+            "cuts": counters.cuts,
+            "doubles": counters.doubles,
+            "documents": counters.documents,
+            "heartbeats": counters.heartbeats,
+            "bytes_received": counters.bytes,
+            "disk_refusals": ended.disk_refusals,
+            "ended": ended.because,
+            "findings": odd.iter().map(ToString::to_string).collect::<Vec<_>>(),
+        }))?;
+    } else {
+        say(&format!(
+            "{} observations from {source}, sequence {} to {}, {} bytes, {} reconnects",
+            tally.observations,
+            number(tally.first_sequence),
+            number(tally.last_sequence),
+            tally.bytes,
+            counters.reconnects
+        ));
+        for gap in &tally.gaps {
+            say(&format!(
+                "gap: sequence {} to {} of instance {} could not be had ({})",
+                gap.from_sequence,
+                gap.to_sequence.map_or("unknown".to_owned(), |to| to.to_string()),
+                gap.instance,
+                gap.cause.word()
+            ));
+        }
+        say(&format!("file: {}", out.display()));
+    }
+    match &ended.unwritten {
+        None => Ok(Exit::Good),
+        Some(why) => Err(Failure::machine(format_args!(
+            "{why}: the last observations are not in the file; make space and record again into the same file"
+        ))),
+    }
+}
+
+fn number(sequence: Option<u64>) -> String {
+    sequence.map_or("-".to_owned(), |s| s.to_string())
+}
+
+fn gap_json(gap: &Gap) -> Value {
+    json!({
+        "instance_id": gap.instance,
+        "from_sequence": gap.from_sequence,
+        "to_sequence": gap.to_sequence,
+        "cause": gap.cause.word(),
+        "from": gap.from.map(clock::utc),
+        "to": gap.to.map(clock::utc),
+    })
+}

@@ -1,0 +1,11 @@
+//! One file for each reader.
+
+pub mod gcode;
+pub mod mtconnect_client;
+pub mod mtconnect_document;
+pub mod mtconnect_http;
+pub mod mtconnect_shdr;
+pub mod mtconnect_streams;
+pub mod mtconnect_text;
+pub mod part21;
+pub mod stepnc;
