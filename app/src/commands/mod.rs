@@ -11,8 +11,8 @@ pub mod plan;
 pub mod rebuild;
 pub mod record;
 pub mod run;
-pub mod trace;
 pub mod size;
+pub mod trace;
 
 use crate::failure::{Exit, Failure};
 use crate::shop;

@@ -118,8 +118,8 @@ pub enum GenerateError {
     },
     /// Not enough variables.
     #[error(
-        "{control} has {have} variables for sizing (#{first} to #{last}), {dimensions} dimensions take {need}: give the profile a larger \
-         range if the control has one, or split the job"
+        "{control} has {have} variables for sizing (#{first} to #{last}), room for {most} dimensions; {dimensions} take {need}: give the \
+         profile a larger range if the control has one, or split the job"
     )]
     NoRoom {
         /// Which control.
@@ -132,6 +132,8 @@ pub enum GenerateError {
         last: u32,
         /// How many dimensions.
         dimensions: usize,
+        /// How many there is room for, ten at most.
+        most: u32,
         /// How many they take.
         need: u32,
     },
@@ -155,7 +157,10 @@ pub fn generate(job: &Job, control: &Control, method: Method, end: SetupEnd) -> 
             what,
         })?;
     }
-    let layout = Layout::new(&dimensions, control, method)?;
+    let mut layout = Layout::new(&dimensions, control)?;
+    if method == Method::G65 {
+        layout.names = call::names(&layout, dimensions.len());
+    }
     let (setup, macros) = match method {
         Method::TWord => (
             t_word::setup(job, &dimensions, &layout, control, end),
@@ -303,8 +308,21 @@ mod tests {
         check_refused(
             |_, c| c.kept = [500, 510],
             TWord,
-            "has 11 variables for sizing (#500 to #510), 1 dimensions take 14",
+            "has 11 variables for sizing (#500 to #510), room for 0 dimensions; 1 take 14",
         );
+    }
+
+    #[test]
+    fn macros_that_were_loaded_once_serve_every_job_of_a_control() {
+        let (one, mut two) = (published(), published());
+        let mut second = two.dimensions[0].clone();
+        (second.name, second.offset, second.column) = ("DIM B".into(), 7, crate::Column::Wear(units::Axis::Z));
+        two.dimensions.push(second);
+        let control = Control::built_in()[0].clone();
+        for method in [Method::TWord, Method::G65] {
+            let macros = |job: &Job| generate(job, &control, method, SetupEnd::M30).expect("possible").macros;
+            assert_eq!(macros(&one), macros(&two));
+        }
     }
 
     #[test]

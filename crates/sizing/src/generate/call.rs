@@ -7,6 +7,7 @@ use super::{
 };
 use crate::control::Control;
 use crate::{Dimension, Job};
+use std::collections::BTreeMap;
 
 /// The system variable that a size of this dimension is typed into.
 pub fn entry_variable(dimension: &Dimension, control: &Control) -> u32 {
@@ -14,6 +15,14 @@ pub fn entry_variable(dimension: &Dimension, control: &Control) -> u32 {
         .base_of(dimension.column)
         .expect("looked at before anything is generated");
     base + dimension.offset + control.secondary
+}
+
+/// The variables that this method uses, with their names.
+pub fn names(layout: &Layout, dimensions: usize) -> BTreeMap<u32, String> {
+    let counts = 1 + layout.count..=layout.count + dimensions as u32;
+    let used = |n: &u32| *n == layout.job || *n == layout.taken || counts.contains(n);
+    let all = layout.names.iter().filter(|(n, _)| used(n));
+    all.map(|(n, name)| (*n, name.clone())).collect()
 }
 
 /// The set-up program of a job: clears the secondary offsets, which may hold another job's sizes, and says whose they are now.
@@ -38,7 +47,7 @@ pub(super) fn setup(job: &Job, dimensions: &[Dimension], layout: &Layout, contro
     unit_check(&mut check, &unit_code(job.unit).to_string(), 1);
     check.lines().for_each(|l| line(l.to_owned()));
     line(format!("N1 #{}=#0 (NO JOB WHILE THIS RUNS)", layout.job));
-    for (variable, name) in &layout.names {
+    for (variable, name) in &names(layout, dimensions.len()) {
         line(format!("SETVN {variable}[{name}]"));
     }
     for (k, d) in (1..).zip(dimensions) {

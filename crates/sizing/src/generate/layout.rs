@@ -1,6 +1,6 @@
 //! Which common variables the generated programs use, and their names on the control's screen.
 
-use super::{GenerateError, Method};
+use super::GenerateError;
 use crate::Dimension;
 use crate::control::Control;
 use std::collections::BTreeMap;
@@ -10,13 +10,13 @@ use std::collections::BTreeMap;
 pub struct Layout {
     /// Number of the job whose set-up was run; vacant while a set-up runs.
     pub job: u32,
-    /// Entries: what the operator types ([`Method::TWord`]).
+    /// Entries: what the operator types ([`super::Method::TWord`]).
     pub entry: u32,
     /// The dimension whose entry was taken and is not finished; else 0.
     pub taken: u32,
     /// Entries that were used, counted.
     pub count: u32,
-    /// The table of [`Method::TWord`]; all 0 else.
+    /// The table of [`super::Method::TWord`].
     pub table: Table,
     /// Names for SETVN.
     pub names: BTreeMap<u32, String>,
@@ -47,61 +47,62 @@ pub struct Table {
     pub base: u32,
 }
 
+/// Fields of each dimension, and numbers that stand once.
+const FIELDS: u32 = 9;
+const SINGLE: u32 = 5;
+/// The article's ten dimensions.
+const MOST: u32 = 10;
+
 impl Layout {
-    pub(super) fn new(dimensions: &[Dimension], control: &Control, method: Method) -> Result<Layout, GenerateError> {
+    /// The places depend on the control alone and not on job or method, so that macros that were loaded once find every job's set-up
+    /// where they look for it. With room for ten dimensions entries, offsets and targets are where the article has them.
+    pub(super) fn new(dimensions: &[Dimension], control: &Control) -> Result<Layout, GenerateError> {
+        let [first, last] = control.kept;
+        let have = last - first + 1;
+        let slots = (have.saturating_sub(SINGLE) / FIELDS).min(MOST);
         let n = dimensions.len() as u32;
-        let mut next = control.kept[0];
-        let mut names = BTreeMap::new();
-        let mut one = |name: &str| {
-            let here = next;
-            next += 1;
-            names.insert(here, name.to_owned());
-            here
-        };
-        let job = one("SZ JOB");
-        let mut field = |name: &str| {
-            let before = one(&format!("{name}1")) - 1;
-            (2..=n).for_each(|k| {
-                one(&format!("{name}{k}"));
-            });
-            before
-        };
-        let shown = names_of(dimensions, control.name_length);
-        let entry = if method == Method::TWord { field("DIM") } else { 0 };
-        let count = field("DONE");
-        let table = if method == Method::TWord {
-            Table {
-                offset: field("OFS"),
-                target: field("TGT"),
-                low: field("LOW"),
-                high: field("HIGH"),
-                gain: field("GAIN"),
-                largest: field("STEP"),
-                base: field("REG"),
-                dimensions: one("SZ DIMS"),
-                steps_per_unit: one("SZ STEPS"),
-                unit: one("SZ UNIT"),
-            }
-        } else {
-            Table::default()
-        };
-        let taken = one("SZ TAKEN");
-        if method == Method::TWord {
-            names.extend((1..).map(|k| entry + k).zip(shown));
-        }
-        let (have, need) = (control.kept[1] - control.kept[0] + 1, next - control.kept[0]);
-        if need > have {
+        if n > slots {
             return Err(GenerateError::NoRoom {
                 control: control.name.clone(),
                 have,
-                first: control.kept[0],
-                last: control.kept[1],
+                first,
+                last,
                 dimensions: dimensions.len(),
-                need,
+                most: slots,
+                need: SINGLE + FIELDS * n,
             });
         }
+        let mut names = BTreeMap::from([(first, "SZ JOB".to_owned())]);
+        let mut next = first;
+        let mut field = |name: &str| {
+            let before = next;
+            names.extend((1..=n).map(|k| (before + k, format!("{name}{k}"))));
+            next += slots;
+            before
+        };
+        let (entry, count, offset, target) = (field("DIM"), field("DONE"), field("OFS"), field("TGT"));
+        let (low, high, gain, largest, base) = (field("LOW"), field("HIGH"), field("GAIN"), field("STEP"), field("REG"));
+        let mut one = |name: &str| {
+            next += 1;
+            names.insert(next, name.to_owned());
+            next
+        };
+        let table = Table {
+            dimensions: one("SZ DIMS"),
+            steps_per_unit: one("SZ STEPS"),
+            unit: one("SZ UNIT"),
+            offset,
+            target,
+            low,
+            high,
+            gain,
+            largest,
+            base,
+        };
+        let taken = one("SZ TAKEN");
+        names.extend((1..).map(|k| entry + k).zip(names_of(dimensions, control.name_length)));
         Ok(Layout {
-            job,
+            job: first,
             entry,
             taken,
             count,
@@ -158,6 +159,24 @@ mod tests {
     }
 
     #[test]
+    fn places_do_not_depend_on_the_number_of_dimensions() {
+        let two = [
+            published(),
+            Dimension {
+                offset: 6,
+                ..published()
+            },
+        ];
+        for control in Control::built_in() {
+            let places = |dimensions: &[Dimension]| {
+                let layout = Layout::new(dimensions, &control).expect("room");
+                (layout.job, layout.entry, layout.taken, layout.count, layout.table)
+            };
+            assert_eq!(places(&two), places(&two[..1]), "{}", control.name);
+        }
+    }
+
+    #[test]
     fn ten_dimensions_have_their_entries_where_the_article_has_them_and_no_variable_twice() {
         let dimensions: Vec<Dimension> = (1..=10)
             .map(|k| Dimension {
@@ -167,8 +186,11 @@ mod tests {
             })
             .collect();
         let control = Control::find("fanuc-lathe").expect("built in");
-        let layout = Layout::new(&dimensions, &control, Method::TWord).expect("room");
-        assert_eq!((layout.job, layout.entry), (500, 500));
+        let layout = Layout::new(&dimensions, &control).expect("room");
+        assert_eq!(
+            (layout.job, layout.entry, layout.table.offset, layout.table.target),
+            (500, 500, 520, 530)
+        );
         assert_eq!(layout.names[&501], "DIM 1");
         assert_eq!(layout.names[&510], "DIM 10");
         let last = layout.taken;

@@ -72,7 +72,7 @@ pub(super) fn setup(job: &Job, dimensions: &[Dimension], layout: &Layout, contro
     }
 }
 
-/// O9000 and its worker: the same for every job with as many dimensions.
+/// O9000 and its worker: the same for every job of a control.
 pub(super) fn macros(layout: &Layout, control: &Control) -> Vec<MacroProgram> {
     // A T word calls O9000 as a subprogram, with the local variables of the program: G65 gives the worker its own.
     let index = format!(
