@@ -7,7 +7,8 @@
 //! 2. the file is deleted, and its folder synced;
 //! 3. removed: catalogue and log say that it is gone.
 //!
-//! What is marked is taken up again by the next [`DataDirectory::retain`]. A record whose job is on hold or still runs is never marked.
+//! What is marked is taken up again by the next [`DataDirectory::retain`]. A record whose job is on hold is never marked, nor one whose program still runs.
+//! A recording of observations has no roll-up: when its rows go by age, its catalogue row and its events are what stays.
 //! Files outside of the data directory (`run --out`) belong to whoever asked for them there: they are neither counted nor removed.
 
 use crate::catalogue::CatalogueRow;
@@ -183,10 +184,13 @@ impl DataDirectory {
     /// Records that may be removed, oldest first.
     fn removable(&self) -> Result<Vec<CatalogueRow>, StoreError> {
         let held: BTreeSet<JobId> = self.holds()?.into_iter().map(|h| h.job).collect();
-        let running: BTreeSet<JobId> = (self.jobs()?.into_iter())
-            .filter(|job| job.state == JobState::Running)
-            .map(|job| job.id)
-            .collect();
+        let mut running = BTreeSet::new();
+        for job in self.jobs()?.into_iter().filter(|job| job.state == JobState::Running) {
+            // The recording of an agent may go on for years; what of it is catalogued is done with.
+            if self.recorded_by(job.id)?.is_none() {
+                running.insert(job.id);
+            }
+        }
         let mut records = Vec::new();
         for record in self.records()? {
             let kept = held.contains(&record.job) || running.contains(&record.job);

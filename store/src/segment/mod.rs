@@ -7,7 +7,7 @@
 //! A segment lives as long as its recording. [`merge`] turns closed ones into Parquet; [`crate::DataDirectory::recover`] does so with
 //! what a killed process left.
 
-mod compact;
+pub(crate) mod compact;
 pub mod disk;
 pub mod frame;
 mod gap;
