@@ -346,7 +346,8 @@ pub struct RecordArgs {
 /// `toolmark rebuild`
 #[derive(Debug, Args)]
 pub struct RebuildArgs {
-    /// The plan and the record; with --no-plan the record alone.
+    /// The plan and the record; with --no-plan the record alone. A record is a file, or a job of the data directory by its number, or
+    /// `last`.
     #[arg(required = true, num_args = 1..=2, value_names = ["PLAN", "RECORD"])]
     pub files: Vec<PathBuf>,
     /// There is no plan: tell feed from rapid by the record's own speeds.

@@ -302,10 +302,10 @@ impl DataDirectory {
             }
             let more = [(RECOVERED.to_owned(), "interrupted".to_owned())];
             let part = make_part(&found.path, until, &target, &more)?;
-            let at = part
-                .finished
-                .span_us
-                .map_or(job.start, |(_, last)| Timestamp(last.saturating_mul(1000)));
+            let begun = found.metadata.get(BEGUN_NS).and_then(|ns| ns.parse().ok()).map(Timestamp);
+            let last = part.finished.span_us.map(|(_, last)| Timestamp(last.saturating_mul(1000)));
+            // The clock of the recorder, where it is later than the agent's: nothing tells when the recorder was killed.
+            let at = job.start.max(begun.unwrap_or(job.start)).max(last.unwrap_or(job.start));
             self.catalogue_part(job.id, &part, at)?;
         }
         for row in self.records()?.into_iter().filter(|row| row.job == job.id) {
