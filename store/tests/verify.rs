@@ -91,6 +91,8 @@ const TABLES: &[(&str, &str)] = &[
     ("registers", "(table registers)"),
     ("records", "(table records)"),
     ("removals", "(table removals)"),
+    ("sizing_entries", "(table sizing_entries)"),
+    ("sizing_jobs", "(table sizing_jobs)"),
     ("sqlite_sequence", "(table sqlite_sequence)"),
 ];
 
