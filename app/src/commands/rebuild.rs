@@ -35,7 +35,14 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         units: (common.units == Some(DisplayUnits::Inch)).then_some(DisplayUnits::Inch),
         device: args.device.clone(),
     };
-    let (record, found) = recording::read(record_file, &said)?;
+    // A job of the data directory, unless there is a file of that name.
+    let job = record_file
+        .to_str()
+        .filter(|name| *name == "last" || name.parse::<u32>().is_ok());
+    let (record, found) = match job.filter(|_| !record_file.exists()) {
+        Some(job) => recording::read_job(&shop::data_path(common)?, job, &said)?,
+        None => recording::read(record_file, &said)?,
+    };
     for diagnostic in found.iter().filter(|d| d.severity != Severity::Remark) {
         eprintln!("{diagnostic}");
     }
