@@ -153,7 +153,12 @@ fn peer(path: &Path) -> Outcome<Option<Needed>> {
     let out = path.with_extension("out");
     let (started, before) = (Instant::now(), user_seconds()?.1);
     let mut command = Command::new("rs274");
-    command.arg("-g").arg(path).arg(&out).stdout(Stdio::null()).stderr(Stdio::null());
+    command
+        .arg("-g")
+        .arg(path)
+        .arg(&out)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
     let Ok(status) = command.status() else { return Ok(None) };
     if !status.success() {
         return Err(format!("rs274 ended with {status}").into());
@@ -169,7 +174,12 @@ fn user_seconds() -> Outcome<(f64, f64)> {
     let text = std::fs::read_to_string("/proc/self/stat")?;
     // The name in parentheses may hold anything; utime is the 12th field behind it, cutime the 14th.
     let behind = text.rsplit(')').next().unwrap_or_default();
-    let ticks: Vec<f64> = behind.split_whitespace().skip(11).take(3).filter_map(|t| t.parse().ok()).collect();
+    let ticks: Vec<f64> = behind
+        .split_whitespace()
+        .skip(11)
+        .take(3)
+        .filter_map(|t| t.parse().ok())
+        .collect();
     match ticks[..] {
         [own, _, children] => Ok((own / 100.0, children / 100.0)),
         _ => Err("/proc/self/stat has other fields than expected".into()),
@@ -226,7 +236,9 @@ fn main() -> Outcome<ExitCode> {
     let chosen: Vec<&String> = words.iter().filter(|w| *w != "alone").collect();
     let folder = tempfile::tempdir()?;
     println!("Millions a second, mean of {RUNS} runs; resident memory at its highest, budget < {MOST_RESIDENT} MiB\n");
-    println!("| program                    | unit   | budget | by user time | on the wall | rs274 by user time | times as fast: user, wall | MiB | |");
+    println!(
+        "| program                    | unit   | budget | by user time | on the wall | rs274 by user time | times as fast: user, wall | MiB | |"
+    );
     println!("|---|---|---|---|---|---|---|---|---|");
     let mut all_kept = true;
     for row in &ROWS {

@@ -74,9 +74,9 @@ pub(crate) fn act(
         (Flow::NextBlock, Some(call)) => Ok(Act::Call(call)),
         (Flow::NextBlock, None) if interpreter.moved && !interpreter.modal.is_empty() => match interpreter.modal_call() {
             Some(call) => Ok(Act::Call(call)),
-            None => Ok(Act::Flow(flow)),
+            None => Ok(Act::Flow(Flow::NextBlock)),
         },
-        _ => Ok(Act::Flow(flow)),
+        (flow, _) => Ok(Act::Flow(flow)),
     }
 }
 

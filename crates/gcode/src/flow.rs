@@ -80,7 +80,7 @@ impl GcodeProgram {
                         self.ended = true;
                         Ok(())
                     }
-                    Act::Flow(Flow::Contour(request)) => self.read_contour(request),
+                    Act::Flow(Flow::Contour(request)) => self.read_contour(*request),
                     Act::Flow(Flow::Call { program, times, at }) => self.call(ProgramCall {
                         program,
                         times,
@@ -108,19 +108,14 @@ impl GcodeProgram {
     }
 
     /// To the block behind this one.
-    fn go_on(&mut self) {
+    pub(crate) fn go_on(&mut self) {
         let Some(index) = self.here.kept else { return }; // the text goes on by itself
         let kept = self.kept.get(index);
-        let next = match kept.next.get() {
-            Some(next) => Some(next),
-            None => {
-                let found = self.kept.find(self.current, self.here.after.offset);
-                kept.next.set(found);
-                found
-            }
-        };
-        self.next_kept = next;
-        if next.is_none() {
+        if kept.next.get().is_none() {
+            kept.next.set(self.kept.find(self.current, self.here.after.offset));
+        }
+        self.next_kept = kept.next.get();
+        if self.next_kept.is_none() {
             self.seek(self.current, self.here.after);
         }
     }
@@ -183,12 +178,12 @@ impl GcodeProgram {
     }
 
     /// GOTO: from the next block to the program's end, then from its start.
-    fn jump(&mut self, number: u32, at: usize) -> Outcome<()> {
+    pub(crate) fn jump(&mut self, number: u32, at: usize) -> Outcome<()> {
         if let Some(index) = self.here.kept
             && let Some((n, target)) = self.kept.get(index).jump.get()
             && n == number
         {
-            let place = self.kept.get(target).place;
+            let place = self.kept.get(target).here.place;
             self.leave_loops(place);
             self.jumps_to(place);
             self.next_kept = Some(target);
@@ -235,7 +230,7 @@ impl GcodeProgram {
         }
     }
 
-    fn begin_loop(&mut self, enters: bool, label: u8, at: usize) -> Outcome<()> {
+    pub(crate) fn begin_loop(&mut self, enters: bool, label: u8, at: usize) -> Outcome<()> {
         let first = self.first_loop();
         let again = self.loops.len() > first && self.loops[self.loops.len() - 1].start == self.here.place;
         if again {
@@ -277,7 +272,7 @@ impl GcodeProgram {
         Ok(())
     }
 
-    fn end_loop(&mut self, label: u8, at: usize) -> Outcome<()> {
+    pub(crate) fn end_loop(&mut self, label: u8, at: usize) -> Outcome<()> {
         let first = self.first_loop();
         let open = match self.loops.last() {
             Some(open) if self.loops.len() > first && open.label == label => open,

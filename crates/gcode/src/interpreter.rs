@@ -34,12 +34,12 @@ pub(crate) enum Item {
 }
 
 /// What happens behind a block.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Flow {
     NextBlock,
     End,
     /// G70 to G73: the contour is read, then the cycle begins.
-    Contour(ContourRequest),
+    Contour(Box<ContourRequest>),
     /// M98, at this byte.
     Call {
         program: u32,
@@ -495,9 +495,8 @@ impl Interpreter {
         if let Some(fault) = self.compensation.fault.take() {
             return Err(fault);
         }
-        if let Some(request) = self.turning_cycles.request {
-            self.turning_cycles.request = None;
-            return Ok(Flow::Contour(request));
+        if let Some(request) = self.turning_cycles.request.take() {
+            return Ok(Flow::Contour(Box::new(request)));
         }
         if !m_codes.is_empty() {
             self.go_on_to_the_end()?;
