@@ -1,7 +1,7 @@
 //! How fast programs are gone through, fully interpreted, and in how much memory: the million-line file of three axes and loops of
 //! Custom Macro B, each written to a file first and read from it in windows, as a job is.
 //!
-//! `cargo bench -p gcode`; words behind `--` choose rows by their beginning, `alone` leaves the peer out. Where `rs274` of LinuxCNC is on
+//! `cargo bench -p gcode`; words behind `--` choose rows by their beginning, `alone` is one run without the peer, for a profiler. Where `rs274` of LinuxCNC is on
 //! the path, the same program goes through it in the same run. Rates are counted by the processor time of the process, which other work
 //! on the machine changes little, and by the clock on the wall. A budget that is missed makes the exit code 1.
 
@@ -120,9 +120,9 @@ struct Needed {
     wall: f64,
 }
 
-fn ours(path: &Path, profile: &'static Profile) -> Outcome<Needed> {
+fn ours(path: &Path, profile: &'static Profile, runs: u32) -> Outcome<Needed> {
     let (started, before) = (Instant::now(), user_seconds()?.0);
-    for _ in 0..RUNS {
+    for _ in 0..runs {
         let file = File::open(path)?;
         let length = file.metadata()?.len();
         let mut program = GcodeProgram::open(
@@ -143,8 +143,8 @@ fn ours(path: &Path, profile: &'static Profile) -> Outcome<Needed> {
         }
     }
     Ok(Needed {
-        user: (user_seconds()?.0 - before) / f64::from(RUNS),
-        wall: started.elapsed().as_secs_f64() / f64::from(RUNS),
+        user: (user_seconds()?.0 - before) / f64::from(runs),
+        wall: started.elapsed().as_secs_f64() / f64::from(runs),
     })
 }
 
@@ -199,7 +199,7 @@ fn measure(row: &Row, folder: &Path, alone: bool) -> Outcome<bool> {
     let path = folder.join("budget.nc");
     (row.write)(&mut BufWriter::new(File::create(&path)?), true)?;
     std::fs::write("/proc/self/clear_refs", "5")?; // the highest resident memory counts from here
-    let needed = ours(&path, row.profile)?;
+    let needed = ours(&path, row.profile, if alone { 1 } else { RUNS })?;
     let resident = peak_resident()?;
     let theirs = match alone {
         true => None,

@@ -108,6 +108,7 @@ impl GcodeProgram {
     }
 
     /// To the block behind this one.
+    #[inline]
     pub(crate) fn go_on(&mut self) {
         let Some(index) = self.here.kept else { return }; // the text goes on by itself
         let kept = self.kept.get(index);
@@ -134,6 +135,7 @@ impl GcodeProgram {
     }
 
     /// Before a jump to `place`: lines that are gone through again are kept, and endless loops are found out.
+    #[inline]
     fn jumps_to(&mut self, place: Place) {
         if place > self.here.place {
             return;
@@ -150,6 +152,11 @@ impl GcodeProgram {
             self.repetition.seen.clear();
             return;
         }
+        self.look_for_repetition(place);
+    }
+
+    /// No variable has changed since the last jump back: the state decides.
+    fn look_for_repetition(&mut self, place: Place) {
         let print = Fingerprint {
             target: (self.current, place.offset),
             frames: self.frames.iter().map(|f| (f.return_to.offset, f.times_left)).collect(),
@@ -230,6 +237,7 @@ impl GcodeProgram {
         }
     }
 
+    #[inline]
     pub(crate) fn begin_loop(&mut self, enters: bool, label: u8, at: usize) -> Outcome<()> {
         let first = self.first_loop();
         let again = self.loops.len() > first && self.loops[self.loops.len() - 1].start == self.here.place;
@@ -241,6 +249,12 @@ impl GcodeProgram {
             }
             return Ok(());
         }
+        self.enter_loop(enters, label, at)
+    }
+
+    /// DO, met from outside its loop.
+    fn enter_loop(&mut self, enters: bool, label: u8, at: usize) -> Outcome<()> {
+        let first = self.first_loop();
         if self.loops[first..].iter().any(|l| l.label == label) {
             return Err(Fault::new(
                 at,
@@ -272,6 +286,7 @@ impl GcodeProgram {
         Ok(())
     }
 
+    #[inline]
     pub(crate) fn end_loop(&mut self, label: u8, at: usize) -> Outcome<()> {
         let first = self.first_loop();
         let open = match self.loops.last() {

@@ -273,6 +273,7 @@ impl GcodeProgram {
         self.interpreter.inches
     }
 
+    #[inline]
     fn number_step(&mut self, origin: Origin, kind: StepKind) -> Next {
         match self.last_step.checked_add(1) {
             Some(id) => {
@@ -491,6 +492,7 @@ impl GcodeProgram {
     }
 
     /// An endless program ends here: blocks that move nothing are counted.
+    #[inline]
     fn count_block(&mut self) {
         self.blocks_at_rest += 1;
         self.interpreter.nominal += NOMINAL_BLOCK;

@@ -2,7 +2,7 @@
 
 use super::{GcodeProgram, Kind};
 use crate::acting::{Act, act};
-use crate::fault::Site;
+use crate::fault::{Outcome, Site};
 use crate::interpreter::Flow;
 use std::rc::Rc;
 
@@ -42,20 +42,34 @@ impl GcodeProgram {
                     self.interpreter.forget_answers();
                     self.go_on();
                 }
-                other => {
-                    // What comes now may change where the line is kept: it holds on to its text.
-                    let kept = Rc::clone(self.kept.get(index));
-                    let site = Site {
-                        text: &kept.text,
-                        number: kept.here.number,
-                    };
-                    self.follow(other, site);
+                // Loops go on without a look at the text, unless there is a fault to tell.
+                Ok(Act::Do { enters, label, at }) => {
+                    self.interpreter.forget_answers();
+                    if let Err(fault) = self.begin_loop(enters, label, at) {
+                        self.follow_kept(index, Err(fault));
+                    }
                 }
+                Ok(Act::EndDo { label, at }) => {
+                    if let Err(fault) = self.end_loop(label, at) {
+                        self.follow_kept(index, Err(fault));
+                    }
+                }
+                other => self.follow_kept(index, other),
             }
             match self.next_kept {
                 Some(next) if self.interpreter.has_said_nothing() && self.alarm.is_none() && !self.ended => index = next,
                 _ => return,
             }
         }
+    }
+
+    fn follow_kept(&mut self, index: u32, result: Outcome<Act>) {
+        // What comes now may change where the line is kept: it holds on to its text.
+        let kept = Rc::clone(self.kept.get(index));
+        let site = Site {
+            text: &kept.text,
+            number: kept.here.number,
+        };
+        self.follow(result, site);
     }
 }
