@@ -35,39 +35,18 @@ pub(crate) fn evaluate<V: Variables>(
     // none takes more than was put. What the first operand puts aside means nothing.
     let mut last = VACANT;
     let mut top = 0_usize;
-    for (index, op) in ops.iter().enumerate() {
-        let at = || places[index] as usize;
+    for (op, place) in ops.iter().zip(places) {
+        let at = *place as usize;
         match *op {
             Op::Number(n) => {
                 stack[top] = last;
                 top += 1;
                 last = n;
             }
-            Op::Vacant => {
-                stack[top] = last;
-                top += 1;
-                last = VACANT;
-            }
             Op::Memory(n) => {
                 stack[top] = last;
                 top += 1;
                 last = memory[usize::from(n)];
-            }
-            Op::Variable(n) => {
-                stack[top] = last;
-                top += 1;
-                last = variables.read(n).map_err(|r| r.at(at()))?;
-            }
-            Op::Named(name) => {
-                let name = &code.names[usize::from(name)];
-                let number = variables.named(name).ok_or_else(|| no_such_name(name, at()))?;
-                stack[top] = last;
-                top += 1;
-                last = read_any(variables, rules, number).map_err(|r| r.at(at()))?;
-            }
-            Op::Indirect => {
-                let number = variable_number(counted(last), at())?;
-                last = read_any(variables, rules, number).map_err(|r| r.at(at()))?;
             }
             Op::Negate => last = -last,
             Op::WithNumber(binary, n) => last = binary_result(rules, binary, last, n, at)?,
@@ -76,47 +55,85 @@ pub(crate) fn evaluate<V: Variables>(
                 top -= 1;
                 last = binary_result(rules, binary, stack[top], last, at)?;
             }
-            Op::Function(Function::AddPoint) => last = variables.with_point(counted(last)),
-            Op::Function(function) => last = bounded(rules, apply(rules, function, counted(last), None, at())?, at)?,
-            Op::Function2(function) => {
-                top -= 1;
-                let (a, b) = (counted(stack[top]), counted(last));
-                last = bounded(rules, apply(rules, function, a, Some(b), at())?, at)?;
-            }
-            Op::Parameter => last = variables.parameter(whole(last), None, None),
-            Op::ParameterBit => {
-                top -= 1;
-                last = variables.parameter(whole(stack[top]), Some(whole(last) as u8), None);
-            }
-            Op::ParameterAxis => {
-                top -= 1;
-                last = variables.parameter(whole(stack[top]), None, Some(whole(last) as u8));
-            }
-            Op::ParameterBitAxis => {
-                top -= 2;
-                let (bit, axis) = (whole(stack[top + 1]) as u8, whole(last) as u8);
-                last = variables.parameter(whole(stack[top]), Some(bit), Some(axis));
-            }
+            op => (last, top) = rarer(op, code, rules, variables, stack, (last, top), at)?,
         }
     }
     Ok(last)
 }
 
+/// The operations that loops are not made of; apart, so that the others stay short.
+#[inline(never)]
+fn rarer<V: Variables>(
+    op: Op,
+    code: &Code,
+    rules: &MacroRules,
+    variables: &V,
+    stack: &mut Stack,
+    (mut last, mut top): (f64, usize),
+    at: usize,
+) -> Outcome<(f64, usize)> {
+    let mut put_aside = |last: f64, top: &mut usize| {
+        stack[*top] = last;
+        *top += 1;
+    };
+    match op {
+        Op::Vacant => {
+            put_aside(last, &mut top);
+            last = VACANT;
+        }
+        Op::Variable(n) => {
+            put_aside(last, &mut top);
+            last = variables.read(n).map_err(|r| r.at(at))?;
+        }
+        Op::Named(name) => {
+            let name = &code.names[usize::from(name)];
+            let number = variables.named(name).ok_or_else(|| no_such_name(name, at))?;
+            put_aside(last, &mut top);
+            last = read_any(variables, rules, number).map_err(|r| r.at(at))?;
+        }
+        Op::Indirect => {
+            let number = variable_number(counted(last), at)?;
+            last = read_any(variables, rules, number).map_err(|r| r.at(at))?;
+        }
+        Op::Function(Function::AddPoint) => last = variables.with_point(counted(last)),
+        Op::Function(function) => last = bounded(rules, apply(rules, function, counted(last), None, at)?, at)?,
+        Op::Function2(function) => {
+            top -= 1;
+            let (a, b) = (counted(stack[top]), counted(last));
+            last = bounded(rules, apply(rules, function, a, Some(b), at)?, at)?;
+        }
+        Op::Parameter => last = variables.parameter(whole(last), None, None),
+        Op::ParameterBit => {
+            top -= 1;
+            last = variables.parameter(whole(stack[top]), Some(whole(last) as u8), None);
+        }
+        Op::ParameterAxis => {
+            top -= 1;
+            last = variables.parameter(whole(stack[top]), None, Some(whole(last) as u8));
+        }
+        Op::ParameterBitAxis => {
+            top -= 2;
+            let (bit, axis) = (whole(stack[top + 1]) as u8, whole(last) as u8);
+            last = variables.parameter(whole(stack[top]), Some(bit), Some(axis));
+        }
+        Op::Number(_) | Op::Memory(_) | Op::Negate | Op::WithNumber(..) | Op::WithMemory(..) | Op::Two(_) => {
+            unreachable!("carried out by evaluate")
+        }
+    }
+    Ok((last, top))
+}
+
 /// EQ and NE tell vacant from 0; for all else vacant counts as 0.
 #[inline(always)]
-fn binary_result(rules: &MacroRules, binary: Binary, left: f64, right: f64, at: impl Fn() -> usize) -> Outcome<f64> {
+fn binary_result(rules: &MacroRules, binary: Binary, left: f64, right: f64, at: usize) -> Outcome<f64> {
     let (a, b) = (counted(left), counted(right));
     let truth = |truth: bool| Ok(if truth { 1.0 } else { 0.0 });
     let result = match binary {
         Binary::Add => a + b,
         Binary::Subtract => a - b,
         Binary::Multiply => a * b,
-        Binary::Divide if b == 0.0 => return Err(division_by_zero(at(), format!("{a} divided by 0"))),
-        Binary::Divide => a / b,
-        Binary::Modulo => modulo(rules, a, b, at())?,
-        Binary::And => f64::from(bits(a, at())? & bits(b, at())?),
-        Binary::Or => f64::from(bits(a, at())? | bits(b, at())?),
-        Binary::Xor => f64::from(bits(a, at())? ^ bits(b, at())?),
+        Binary::Divide if b != 0.0 => a / b,
+        Binary::Divide | Binary::Modulo | Binary::And | Binary::Or | Binary::Xor => rarer_result(rules, binary, a, b, at)?,
         Binary::Equal => return truth(left == right || (left.is_nan() && right.is_nan())),
         Binary::NotEqual => return truth(!(left == right || (left.is_nan() && right.is_nan()))),
         Binary::Greater => return truth(a > b),
@@ -128,6 +145,17 @@ fn binary_result(rules: &MacroRules, binary: Binary, left: f64, right: f64, at: 
         Binary::OneOf => return truth((left != 0.0) != (right != 0.0)),
     };
     bounded(rules, result, at)
+}
+
+#[inline(never)]
+fn rarer_result(rules: &MacroRules, binary: Binary, a: f64, b: f64, at: usize) -> Outcome<f64> {
+    Ok(match binary {
+        Binary::Modulo => modulo(rules, a, b, at)?,
+        Binary::And => f64::from(bits(a, at)? & bits(b, at)?),
+        Binary::Or => f64::from(bits(a, at)? | bits(b, at)?),
+        Binary::Xor => f64::from(bits(a, at)? ^ bits(b, at)?),
+        _ => return Err(division_by_zero(at, format!("{a} divided by 0"))),
+    })
 }
 
 fn read_any<V: Variables>(variables: &V, rules: &MacroRules, number: u32) -> Result<f64, Refusal> {
@@ -177,12 +205,12 @@ fn whole(value: f64) -> u32 {
 
 /// Keeps a result within what the controls can hold: 1e-29 to 1e47, and 0; and to the digits they keep.
 #[inline]
-fn bounded(rules: &MacroRules, result: f64, at: impl Fn() -> usize) -> Outcome<f64> {
+fn bounded(rules: &MacroRules, result: f64, at: usize) -> Outcome<f64> {
     let size = result.abs();
     if size <= 1e47 {
         return Ok(if size < 1e-29 { 0.0 } else { rules.digits.keep(result) });
     }
-    Err(overflow(at(), result))
+    Err(overflow(at, result))
 }
 
 fn bits(value: f64, at: usize) -> Outcome<i32> {
@@ -300,6 +328,7 @@ fn recode(value: f64, from: u64, to: u64) -> Option<f64> {
     (result <= 0xffff_ffff).then_some(result as f64)
 }
 
+#[cold]
 fn overflow(at: usize, value: f64) -> Box<Fault> {
     Fault::new(
         at,
@@ -310,6 +339,7 @@ fn overflow(at: usize, value: f64) -> Box<Fault> {
     )
 }
 
+#[cold]
 fn division_by_zero(at: usize, what: String) -> Box<Fault> {
     Fault::new(
         at,
