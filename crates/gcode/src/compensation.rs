@@ -350,6 +350,7 @@ impl Interpreter {
     }
 
     /// Hands an item on, or behind the move that waits.
+    #[inline]
     pub(crate) fn push(&mut self, item: Item) {
         if self.corner.holds() && !matches!(item, Item::Step(_, StepKind::Move(_))) {
             self.end_corner();

@@ -221,6 +221,7 @@ impl Memory {
     }
 
     /// Writes a variable that [`Memory::has`]; a NaN makes it vacant.
+    #[inline]
     pub(crate) fn put(&mut self, number: u32, value: f64) {
         let place = &mut self.values[number as usize];
         if place.to_bits() == value.to_bits() || (place.is_nan() && value.is_nan()) {
