@@ -132,15 +132,10 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         if new.is_empty() {
             return Ok(());
         }
-        directory.append_job_events(job.id, new).map_err(shop::failure)?;
         // What the program wrote into the control's registers is there for the next one, whatever becomes of this run.
-        for event in new.iter().filter(|e| e.kind == "register") {
-            let change = written(event);
-            let why = format!("written by {} in job {}", order.program.name, job.id);
-            directory
-                .write_registers(order.machine, change.as_slice(), (order.who, &why), event.at())
-                .map_err(shop::failure)?;
-        }
+        directory
+            .append_run_events(job.id, order.machine, order.who, new)
+            .map_err(shop::failure)?;
         Ok(())
     })?;
     let RunRows {
@@ -185,17 +180,6 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
     })
 }
 
-/// The register that an event tells of.
-fn written(event: &Event) -> Option<plan::RegisterChange> {
-    let name = event.detail.get("register")?.as_str()?;
-    let number = |key: &str| event.detail.get(key).and_then(serde_json::Value::as_f64);
-    Some(plan::RegisterChange {
-        register: plan::Register::named(name)?,
-        before: number("before"),
-        after: number("after"),
-    })
-}
-
 /// Only positions and times are left, as in an agent's stream; what the machine knew about steps and offsets is gone.
 fn as_an_agent_saw_it(record: &mut Recording, thinned: &Thinned) {
     let point = |(k, o): (usize, &cell::observe::Observation)| RecordPoint {
@@ -233,10 +217,14 @@ fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Re
     let mut world =
         World::new(config, trajectory).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
     let mut progress = Progress::new("running");
+    let mut kept = 0;
     let began = Instant::now();
     loop {
         let outcome = world.advance(100, rows);
-        if outcome.is_some() || world.now().0 % 1000 == 0 {
+        // A changed offset is kept before the machine goes on; everything else once in a second.
+        let changed = rows.events[kept..].iter().any(|event| event.kind == "register");
+        if changed || outcome.is_some() || world.now().0 % 1000 == 0 {
+            kept = rows.events.len();
             keep(order.start.at(world.now()), &rows.events)?;
         }
         if let Some(outcome) = outcome {

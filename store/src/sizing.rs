@@ -140,7 +140,7 @@ impl DataDirectory {
         let mut change = None;
         let mut detail = new.detail.clone();
         if let Some(request) = new.change {
-            let made = apply_change(&transaction, &mut chain, request, &failed, &mut || {
+            let made = apply_change(&transaction, &mut chain, (request, None), &failed, &mut || {
                 written(Written::ChangeEvent)
             })?;
             written(Written::Register);

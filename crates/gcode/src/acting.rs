@@ -88,7 +88,7 @@ impl Interpreter {
                 let value = self.evaluated(line, *value, stack)?;
                 match target {
                     Target::Memory(number) => {
-                        self.memory.put(u32::from(*number), value);
+                        self.memory.put(u32::from(*number), value, self.origin);
                         next
                     }
                     target => {

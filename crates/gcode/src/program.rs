@@ -572,20 +572,6 @@ impl GcodeProgram {
         self.interpreter.finish();
         self.ended = true;
     }
-
-    /// The next kept variable that the program wrote and the machine was not told of.
-    fn untold_register(&mut self) -> Option<StepKind> {
-        let (number, before) = self.interpreter.memory.kept_before.pop()?;
-        let held = |value| match value {
-            Value::Vacant => None,
-            Value::Number(n) => Some(n),
-        };
-        Some(StepKind::Register(RegisterChange {
-            register: plan::Register::Variable(number),
-            before: held(Value::of(before)),
-            after: held(self.interpreter.memory.read(number)),
-        }))
-    }
 }
 
 impl ProgramStream for GcodeProgram {
@@ -595,8 +581,8 @@ impl ProgramStream for GcodeProgram {
         }
         loop {
             let goes_out = !self.interpreter.out.is_empty() || self.alarm.is_some() || self.ended;
-            if goes_out && let Some(kind) = self.untold_register() {
-                return self.number_step(self.interpreter.origin, kind);
+            if goes_out && let Some((origin, kind)) = self.interpreter.untold_write() {
+                return self.number_step(origin, kind);
             }
             match self.interpreter.out.pop_front() {
                 Some(Item::Step(origin, kind)) => {
