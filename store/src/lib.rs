@@ -30,6 +30,7 @@ mod schema;
 pub mod segment;
 mod server_notice;
 pub mod sizing;
+mod sizing_verified;
 mod sources;
 mod table;
 pub mod trajectory;
