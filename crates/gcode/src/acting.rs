@@ -199,7 +199,7 @@ impl Interpreter {
             ]);
             self.names.insert(number, short);
             self.emit(StepKind::NcFunction(RawNcFunction {
-                kind: "variable name".to_owned(),
+                kind: RawNcFunction::VARIABLE_NAME.to_owned(),
                 name: "SETVN".to_owned(),
                 text: String::new(),
                 properties,
@@ -250,7 +250,7 @@ impl Interpreter {
         }
         let end = if self.settings.prints_returns { "\r\n" } else { "\n" };
         self.emit(StepKind::NcFunction(RawNcFunction {
-            kind: "print".to_owned(),
+            kind: RawNcFunction::PRINT.to_owned(),
             name: if binary { "BPRNT" } else { "DPRNT" }.to_owned(),
             text: text + end,
             properties: BTreeMap::new(),

@@ -16,8 +16,8 @@ use crate::parameters::Parameters;
 use crate::profile::Profile;
 use crate::text::{LONGEST_LINE, Line as Raw, LineError, Lines, characters};
 use plan::{
-    Alarm, Answer, ByteSource, Diagnostic, FileId, Next, Origin, ProgramStream, Question, RegisterChange, Resolver, Severity,
-    Step, StepKind, StopKind, Tables,
+    Alarm, Answer, ByteSource, Diagnostic, FileId, Next, Origin, ProgramStream, Question, Resolver, Severity, Step, StepKind,
+    StopKind, Tables,
 };
 use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
