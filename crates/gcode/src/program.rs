@@ -669,7 +669,7 @@ fn line_error(error: LineError) -> Diagnostic {
 }
 
 /// Where the program starts: behind a leader, which is any text before the first `%` that does not look like blocks.
-fn leader(lines: &mut Lines) -> Result<(u64, u32), LineError> {
+pub(crate) fn leader(lines: &mut Lines) -> Result<(u64, u32), LineError> {
     const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
     let mut first = (0, 0);
     while let Some(line) = lines.next()? {
