@@ -222,7 +222,8 @@ fn known_dialect(wanted: &str) -> Result<&'static Profile, Failure> {
     })
 }
 
-fn is_part21(head: &[u8]) -> bool {
+/// True for the first bytes of a Part 21 file.
+pub fn is_part21(head: &[u8]) -> bool {
     let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     let text = text.trim_ascii_start();
     text.starts_with(b"ISO-10303-21") || text.starts_with(b"/*")
