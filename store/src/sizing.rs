@@ -140,7 +140,7 @@ impl DataDirectory {
         written(Written::Nothing);
         let mut change = None;
         let mut detail = new.detail.clone();
-        detail.insert("sizing_job".to_owned(), new.job.into());
+        detail.insert("job".to_owned(), new.job.into());
         if let Some(request) = new.change {
             let made = apply_change(&transaction, &mut chain, (request, None), &failed, &mut || {
                 written(Written::ChangeEvent)

@@ -167,8 +167,8 @@ impl DataDirectory {
         self.verify_values(told, done)?;
         self.verify_jobs(told, done)?;
         self.verify_records(told, done)?;
-        self.verify_sizing(&told.sizing, &mut done.findings)?;
-        self.verify_retention(&told.retention, &mut done.findings)
+        self.verify_retention(&told.retention, &mut done.findings)?;
+        self.verify_sizing(&told.sizing, &mut done.findings)
     }
 
     /// SQLite's own check: pages, their order, indexes, types, constraints.
