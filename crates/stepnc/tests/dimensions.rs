@@ -1,5 +1,7 @@
 //! Dimensions with tolerances: what the file says of them and nothing else.
 
+#![allow(clippy::disallowed_methods, reason = "files of the repository are read")]
+
 mod common;
 
 use common::sample;
