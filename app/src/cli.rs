@@ -323,7 +323,7 @@ pub struct RecordArgs {
     /// Rows of one file in the data directory.
     #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..))]
     pub file_rows: u64,
-    /// Which data items, as the agent understands it: //DataItem[@type="PATH_POSITION"] [default: all].
+    /// Which data items, as the agent understands it: `//DataItem[@type="PATH_POSITION"]` [default: all].
     #[arg(long, value_name = "XPATH")]
     pub path: Option<String>,
     /// Least time between two answers of the agent, ms [default: 100].
