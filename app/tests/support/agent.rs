@@ -1,6 +1,8 @@
 //! An agent that replays a recording over real sockets: its observations at their times, a bounded buffer, streams with heartbeats, and
 //! faults as a script wants them.
 
+#![allow(dead_code, reason = "several test programs share it, and each needs a part of it")]
+
 use mtconnect::streams::{Category, Streams, Value, read_streams};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
