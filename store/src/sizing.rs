@@ -142,7 +142,7 @@ impl DataDirectory {
         let mut detail = new.detail.clone();
         detail.insert("job".to_owned(), new.job.into());
         if let Some(request) = new.change {
-            let made = apply_change(&transaction, &mut chain, request, &failed, &mut || {
+            let made = apply_change(&transaction, &mut chain, (request, None), &failed, &mut || {
                 written(Written::ChangeEvent)
             })?;
             written(Written::Register);

@@ -4,6 +4,7 @@ use super::{Done, print_json, tolerance};
 use crate::cli::{Common, DisplayUnits, PlacementName, RebuildArgs};
 use crate::execution::as_executed;
 use crate::failure::{Exit, Failure};
+use crate::printed::Printed;
 use crate::program::{Program, machine_for, named_machine};
 use crate::recording::{self, Said};
 use crate::report::{self, Page};
@@ -87,6 +88,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         std::fs::create_dir_all(folder).map_err(|e| Failure::writing(folder, e))?;
         let name = program.as_ref().map_or("", |p| p.name.as_str());
         let page = Page {
+            printed: &Printed::default(),
             program: name,
             machine: &record.source,
             ended: None,

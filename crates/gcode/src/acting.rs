@@ -35,6 +35,7 @@ pub(crate) enum Act {
 }
 
 /// Executes a line that holds words or a macro statement.
+#[inline]
 pub(crate) fn act(
     interpreter: &mut Interpreter,
     block: &mut Block,
@@ -49,6 +50,10 @@ pub(crate) fn act(
         return interpreter.macro_statement(statement, line, site, stack);
     }
     debug_assert_eq!(line.kind, Kind::Words);
+    act_words(interpreter, block, line, site, stack)
+}
+
+fn act_words(interpreter: &mut Interpreter, block: &mut Block, line: &Line, site: Site<'_>, stack: &mut Stack) -> Outcome<Act> {
     block.fill(line, &interpreter.macros, &*interpreter, stack)?;
     interpreter.show_message(block, site);
     interpreter.moved = false;
@@ -74,29 +79,51 @@ pub(crate) fn act(
         (Flow::NextBlock, Some(call)) => Ok(Act::Call(call)),
         (Flow::NextBlock, None) if interpreter.moved && !interpreter.modal.is_empty() => match interpreter.modal_call() {
             Some(call) => Ok(Act::Call(call)),
-            None => Ok(Act::Flow(flow)),
+            None => Ok(Act::Flow(Flow::NextBlock)),
         },
-        _ => Ok(Act::Flow(flow)),
+        (flow, _) => Ok(Act::Flow(flow)),
     }
 }
 
 impl Interpreter {
+    /// What loops are made of is looked at first.
+    #[inline]
     fn macro_statement(&mut self, statement: &Statement, line: &Line, site: Site<'_>, stack: &mut Stack) -> Outcome<Act> {
+        match statement {
+            Statement::Assign {
+                target: Target::Memory(number),
+                value,
+                ..
+            } => {
+                let value = self.evaluated(line, *value, stack)?;
+                self.memory.put(u32::from(*number), value, self.origin);
+                Ok(Act::Flow(Flow::NextBlock))
+            }
+            Statement::Do { condition, label, at } => {
+                let enters = match condition {
+                    Some(condition) => self.evaluated(line, *condition, stack)? != 0.0,
+                    None => true,
+                };
+                Ok(Act::Do {
+                    enters,
+                    label: *label,
+                    at: *at,
+                })
+            }
+            Statement::End { label, at } => Ok(Act::EndDo { label: *label, at: *at }),
+            other => self.other_statement(other, line, site, stack),
+        }
+    }
+
+    fn other_statement(&mut self, statement: &Statement, line: &Line, site: Site<'_>, stack: &mut Stack) -> Outcome<Act> {
         let next = Ok(Act::Flow(Flow::NextBlock));
         match statement {
+            Statement::Do { .. } | Statement::End { .. } => self.macro_statement(statement, line, site, stack),
             Statement::Assign { target, value, at, end } => {
                 let value = self.evaluated(line, *value, stack)?;
-                match target {
-                    Target::Memory(number) => {
-                        self.memory.put(u32::from(*number), value);
-                        next
-                    }
-                    target => {
-                        let number = self.target_number(target, line, *at, stack)?;
-                        self.assign(number, value, *at, *end, site)?;
-                        next
-                    }
-                }
+                let number = self.target_number(target, line, *at, stack)?;
+                self.assign(number, value, *at, *end, site)?;
+                next
             }
             Statement::If { condition, then } => {
                 if self.evaluated(line, *condition, stack)? == 0.0 {
@@ -121,18 +148,6 @@ impl Interpreter {
                     at: *at,
                 })
             }
-            Statement::Do { condition, label, at } => {
-                let enters = match condition {
-                    Some(condition) => self.evaluated(line, *condition, stack)? != 0.0,
-                    None => true,
-                };
-                Ok(Act::Do {
-                    enters,
-                    label: *label,
-                    at: *at,
-                })
-            }
-            Statement::End { label, at } => Ok(Act::EndDo { label: *label, at: *at }),
             Statement::SetNames { first, names, at } => {
                 let first = variable_number(plain(self.evaluated(line, *first, stack)?), *at)?;
                 self.set_names(first, names, *at, site)?;
@@ -199,7 +214,7 @@ impl Interpreter {
             ]);
             self.names.insert(number, short);
             self.emit(StepKind::NcFunction(RawNcFunction {
-                kind: "variable name".to_owned(),
+                kind: RawNcFunction::VARIABLE_NAME.to_owned(),
                 name: "SETVN".to_owned(),
                 text: String::new(),
                 properties,
@@ -250,7 +265,7 @@ impl Interpreter {
         }
         let end = if self.settings.prints_returns { "\r\n" } else { "\n" };
         self.emit(StepKind::NcFunction(RawNcFunction {
-            kind: "print".to_owned(),
+            kind: RawNcFunction::PRINT.to_owned(),
             name: if binary { "BPRNT" } else { "DPRNT" }.to_owned(),
             text: text + end,
             properties: BTreeMap::new(),

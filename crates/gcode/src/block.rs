@@ -54,6 +54,11 @@ fn bit(letter: u8) -> u32 {
     1 << (letter - b'A')
 }
 
+/// Letters as [`Block::outside`] wants them.
+pub(crate) fn set_of(letters: &[u8]) -> u32 {
+    letters.iter().fold(0, |set, letter| set | bit(*letter))
+}
+
 impl Block {
     pub(crate) fn new() -> Self {
         Block {
@@ -72,12 +77,14 @@ impl Block {
     }
 
     /// The word of that letter; asking counts as using it.
+    #[inline]
     pub(crate) fn take(&mut self, letter: u8) -> Option<Word> {
         self.used |= bit(letter);
         self.look(letter)
     }
 
     /// The word of that letter, without using it.
+    #[inline]
     pub(crate) fn look(&self, letter: u8) -> Option<Word> {
         (self.present & bit(letter) != 0).then(|| self.words[usize::from(letter - b'A')])
     }
@@ -89,16 +96,12 @@ impl Block {
 
     /// Counts all words but these as used.
     pub(crate) fn use_all_but(&mut self, letters: &[u8]) {
-        self.used |= !letters.iter().fold(0, |mask, l| mask | bit(*l));
+        self.used |= !set_of(letters);
     }
 
     /// The first word that nothing in the block uses.
     pub(crate) fn unused(&self) -> Option<(char, Word)> {
-        let left = self.present & !self.used;
-        (left != 0).then(|| {
-            let index = left.trailing_zeros() as u8;
-            (char::from(b'A' + index), self.words[usize::from(index)])
-        })
+        self.outside(self.used)
     }
 
     /// Refuses a block in which a letter stands twice.
@@ -117,6 +120,20 @@ impl Block {
 
     pub(crate) fn g(&self, index: usize) -> Option<Code> {
         self.g[..self.g_count].get(index).copied()
+    }
+
+    /// True when there is an M code.
+    pub(crate) fn has_m(&self) -> bool {
+        self.m_count > 0
+    }
+
+    /// The first word whose letter is not among `letters`, bit 0 for A.
+    pub(crate) fn outside(&self, letters: u32) -> Option<(char, Word)> {
+        let others = self.present & !letters;
+        (others != 0).then(|| {
+            let index = others.trailing_zeros() as u8;
+            (char::from(b'A' + index), self.words[usize::from(index)])
+        })
     }
 
     pub(crate) fn m_codes(&self) -> ([Code; MOST_CODES], usize) {

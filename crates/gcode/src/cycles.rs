@@ -49,6 +49,11 @@ impl Interpreter {
         self.expansion = Some(Box::new(expansion));
     }
 
+    /// True when nothing is to be given on before the next line is executed.
+    pub(crate) fn has_said_nothing(&self) -> bool {
+        self.out.is_empty() && self.expansion.is_none()
+    }
+
     /// Tells the next part of the cycle being told; false when there is none.
     pub(crate) fn go_on(&mut self) -> bool {
         let Some(mut expansion) = self.expansion.take() else {

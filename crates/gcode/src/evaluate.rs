@@ -1,6 +1,6 @@
 //! Carrying out the operations of an [`Expression`] on a stack of plain numbers.
 
-use crate::expression::{Code, DEEPEST_STACK, Expression, Function, Op};
+use crate::expression::{Binary, Code, DEEPEST_STACK, Expression, Function, Op};
 use crate::fault::{Fault, Outcome};
 use crate::macro_b::{MacroRules, Refusal, VACANT, plain};
 
@@ -18,7 +18,7 @@ pub(crate) trait Variables {
     fn with_point(&self, argument: f64) -> f64;
 }
 
-/// Place for the operands; one is kept for all expressions.
+/// Place for the operands below the one that is being worked on; one is kept for all expressions.
 pub(crate) type Stack = [f64; DEEPEST_STACK];
 
 /// The value of an expression; a NaN is vacant. A truth is 1 or 0.
@@ -30,120 +30,132 @@ pub(crate) fn evaluate<V: Variables>(
     stack: &mut Stack,
 ) -> Outcome<f64> {
     let (ops, places) = code.of(expression);
+    let memory = variables.memory();
+    // The operand put last; those before it are on the stack. The parser counted: no expression needs more than the stack holds, and
+    // none takes more than was put. What the first operand puts aside means nothing.
+    let mut last = VACANT;
     let mut top = 0_usize;
-    // The parser counted: no expression needs more than the stack holds, and none takes more than was put.
-    for (index, op) in ops.iter().enumerate() {
-        let at = || places[index] as usize;
+    for (op, place) in ops.iter().zip(places) {
+        let at = *place as usize;
         match *op {
             Op::Number(n) => {
-                stack[top] = n;
+                stack[top] = last;
                 top += 1;
-            }
-            Op::Vacant => {
-                stack[top] = VACANT;
-                top += 1;
+                last = n;
             }
             Op::Memory(n) => {
-                stack[top] = variables.memory()[usize::from(n)];
+                stack[top] = last;
                 top += 1;
+                last = memory[usize::from(n)];
             }
-            Op::Variable(n) => {
-                stack[top] = variables.read(n).map_err(|r| r.at(at()))?;
-                top += 1;
-            }
-            Op::Named(name) => {
-                let name = &code.names[usize::from(name)];
-                let number = variables.named(name).ok_or_else(|| no_such_name(name, at()))?;
-                stack[top] = read_any(variables, rules, number).map_err(|r| r.at(at()))?;
-                top += 1;
-            }
-            Op::Indirect => {
-                let number = variable_number(counted(stack[top - 1]), at())?;
-                stack[top - 1] = read_any(variables, rules, number).map_err(|r| r.at(at()))?;
-            }
-            Op::Negate => stack[top - 1] = -stack[top - 1],
-            Op::Function(function) => {
-                stack[top - 1] = match function {
-                    Function::AddPoint => variables.with_point(counted(stack[top - 1])),
-                    _ => bounded(rules, apply(rules, function, counted(stack[top - 1]), None, at())?, at())?,
-                }
-            }
-            Op::Function2(function) => {
+            Op::Negate => last = -last,
+            Op::WithNumber(binary, n) => last = binary_result(rules, binary, last, n, at)?,
+            Op::WithMemory(binary, n) => last = binary_result(rules, binary, last, memory[usize::from(n)], at)?,
+            Op::Two(binary) => {
                 top -= 1;
-                let (a, b) = (counted(stack[top - 1]), counted(stack[top]));
-                stack[top - 1] = bounded(rules, apply(rules, function, a, Some(b), at())?, at())?;
+                last = binary_result(rules, binary, stack[top], last, at)?;
             }
-            Op::Parameter => stack[top - 1] = variables.parameter(whole(stack[top - 1]), None, None),
-            Op::ParameterBit => {
-                top -= 1;
-                stack[top - 1] = variables.parameter(whole(stack[top - 1]), Some(whole(stack[top]) as u8), None);
-            }
-            Op::ParameterAxis => {
-                top -= 1;
-                stack[top - 1] = variables.parameter(whole(stack[top - 1]), None, Some(whole(stack[top]) as u8));
-            }
-            Op::ParameterBitAxis => {
-                top -= 2;
-                let (bit, axis) = (whole(stack[top]) as u8, whole(stack[top + 1]) as u8);
-                stack[top - 1] = variables.parameter(whole(stack[top - 1]), Some(bit), Some(axis));
-            }
-            Op::Equal => {
-                top -= 1;
-                let (a, b) = (stack[top - 1], stack[top]);
-                stack[top - 1] = f64::from(a == b || (a.is_nan() && b.is_nan()));
-            }
-            Op::NotEqual => {
-                top -= 1;
-                let (a, b) = (stack[top - 1], stack[top]);
-                stack[top - 1] = f64::from(!(a == b || (a.is_nan() && b.is_nan())));
-            }
-            Op::Greater => {
-                top -= 1;
-                stack[top - 1] = f64::from(counted(stack[top - 1]) > counted(stack[top]));
-            }
-            Op::GreaterOrEqual => {
-                top -= 1;
-                stack[top - 1] = f64::from(counted(stack[top - 1]) >= counted(stack[top]));
-            }
-            Op::Less => {
-                top -= 1;
-                stack[top - 1] = f64::from(counted(stack[top - 1]) < counted(stack[top]));
-            }
-            Op::LessOrEqual => {
-                top -= 1;
-                stack[top - 1] = f64::from(counted(stack[top - 1]) <= counted(stack[top]));
-            }
-            Op::Both => {
-                top -= 1;
-                stack[top - 1] = f64::from(stack[top - 1] != 0.0 && stack[top] != 0.0);
-            }
-            Op::Either => {
-                top -= 1;
-                stack[top - 1] = f64::from(stack[top - 1] != 0.0 || stack[top] != 0.0);
-            }
-            Op::OneOf => {
-                top -= 1;
-                stack[top - 1] = f64::from((stack[top - 1] != 0.0) != (stack[top] != 0.0));
-            }
-            Op::Add | Op::Subtract | Op::Multiply | Op::Divide | Op::Modulo | Op::And | Op::Or | Op::Xor => {
-                top -= 1;
-                let (a, b) = (counted(stack[top - 1]), counted(stack[top]));
-                let result = match op {
-                    Op::Add => a + b,
-                    Op::Subtract => a - b,
-                    Op::Multiply => a * b,
-                    Op::Divide if b == 0.0 => return Err(division_by_zero(at(), format!("{a} divided by 0"))),
-                    Op::Divide => a / b,
-                    Op::Modulo => modulo(rules, a, b, at())?,
-                    Op::And => f64::from(bits(a, at())? & bits(b, at())?),
-                    Op::Or => f64::from(bits(a, at())? | bits(b, at())?),
-                    _ => f64::from(bits(a, at())? ^ bits(b, at())?),
-                };
-                stack[top - 1] = bounded(rules, result, at())?;
-            }
+            op => (last, top) = rarer(op, code, rules, variables, stack, (last, top), at)?,
         }
     }
-    Ok(stack[0])
+    Ok(last)
+}
+
+/// The operations that loops are not made of; apart, so that the others stay short.
+#[inline(never)]
+fn rarer<V: Variables>(
+    op: Op,
+    code: &Code,
+    rules: &MacroRules,
+    variables: &V,
+    stack: &mut Stack,
+    (mut last, mut top): (f64, usize),
+    at: usize,
+) -> Outcome<(f64, usize)> {
+    let mut put_aside = |last: f64, top: &mut usize| {
+        stack[*top] = last;
+        *top += 1;
+    };
+    match op {
+        Op::Vacant => {
+            put_aside(last, &mut top);
+            last = VACANT;
+        }
+        Op::Variable(n) => {
+            put_aside(last, &mut top);
+            last = variables.read(n).map_err(|r| r.at(at))?;
+        }
+        Op::Named(name) => {
+            let name = &code.names[usize::from(name)];
+            let number = variables.named(name).ok_or_else(|| no_such_name(name, at))?;
+            put_aside(last, &mut top);
+            last = read_any(variables, rules, number).map_err(|r| r.at(at))?;
+        }
+        Op::Indirect => {
+            let number = variable_number(counted(last), at)?;
+            last = read_any(variables, rules, number).map_err(|r| r.at(at))?;
+        }
+        Op::Function(Function::AddPoint) => last = variables.with_point(counted(last)),
+        Op::Function(function) => last = bounded(rules, apply(rules, function, counted(last), None, at)?, at)?,
+        Op::Function2(function) => {
+            top -= 1;
+            let (a, b) = (counted(stack[top]), counted(last));
+            last = bounded(rules, apply(rules, function, a, Some(b), at)?, at)?;
+        }
+        Op::Parameter => last = variables.parameter(whole(last), None, None),
+        Op::ParameterBit => {
+            top -= 1;
+            last = variables.parameter(whole(stack[top]), Some(whole(last) as u8), None);
+        }
+        Op::ParameterAxis => {
+            top -= 1;
+            last = variables.parameter(whole(stack[top]), None, Some(whole(last) as u8));
+        }
+        Op::ParameterBitAxis => {
+            top -= 2;
+            let (bit, axis) = (whole(stack[top + 1]) as u8, whole(last) as u8);
+            last = variables.parameter(whole(stack[top]), Some(bit), Some(axis));
+        }
+        Op::Number(_) | Op::Memory(_) | Op::Negate | Op::WithNumber(..) | Op::WithMemory(..) | Op::Two(_) => {
+            unreachable!("carried out by evaluate")
+        }
+    }
+    Ok((last, top))
+}
+
+/// EQ and NE tell vacant from 0; for all else vacant counts as 0.
+#[inline(always)]
+fn binary_result(rules: &MacroRules, binary: Binary, left: f64, right: f64, at: usize) -> Outcome<f64> {
+    let (a, b) = (counted(left), counted(right));
+    let truth = |truth: bool| Ok(if truth { 1.0 } else { 0.0 });
+    let result = match binary {
+        Binary::Add => a + b,
+        Binary::Subtract => a - b,
+        Binary::Multiply => a * b,
+        Binary::Divide if b != 0.0 => a / b,
+        Binary::Divide | Binary::Modulo | Binary::And | Binary::Or | Binary::Xor => rarer_result(rules, binary, a, b, at)?,
+        Binary::Equal => return truth(left == right || (left.is_nan() && right.is_nan())),
+        Binary::NotEqual => return truth(!(left == right || (left.is_nan() && right.is_nan()))),
+        Binary::Greater => return truth(a > b),
+        Binary::GreaterOrEqual => return truth(a >= b),
+        Binary::Less => return truth(a < b),
+        Binary::LessOrEqual => return truth(a <= b),
+        Binary::Both => return truth(left != 0.0 && right != 0.0),
+        Binary::Either => return truth(left != 0.0 || right != 0.0),
+        Binary::OneOf => return truth((left != 0.0) != (right != 0.0)),
+    };
+    bounded(rules, result, at)
+}
+
+#[inline(never)]
+fn rarer_result(rules: &MacroRules, binary: Binary, a: f64, b: f64, at: usize) -> Outcome<f64> {
+    Ok(match binary {
+        Binary::Modulo => modulo(rules, a, b, at)?,
+        Binary::And => f64::from(bits(a, at)? & bits(b, at)?),
+        Binary::Or => f64::from(bits(a, at)? | bits(b, at)?),
+        Binary::Xor => f64::from(bits(a, at)? ^ bits(b, at)?),
+        _ => return Err(division_by_zero(at, format!("{a} divided by 0"))),
+    })
 }
 
 fn read_any<V: Variables>(variables: &V, rules: &MacroRules, number: u32) -> Result<f64, Refusal> {
@@ -316,6 +328,7 @@ fn recode(value: f64, from: u64, to: u64) -> Option<f64> {
     (result <= 0xffff_ffff).then_some(result as f64)
 }
 
+#[cold]
 fn overflow(at: usize, value: f64) -> Box<Fault> {
     Fault::new(
         at,
@@ -326,6 +339,7 @@ fn overflow(at: usize, value: f64) -> Box<Fault> {
     )
 }
 
+#[cold]
 fn division_by_zero(at: usize, what: String) -> Box<Fault> {
     Fault::new(
         at,
@@ -341,6 +355,16 @@ mod tests {
     use super::*;
     use crate::expression::{Kind, Parser};
     use crate::macro_b::{Memory, Value};
+    use plan::{FileId, Origin, Place};
+
+    const HERE: Origin = Origin {
+        file: FileId(0),
+        place: Place::Text {
+            line: 1,
+            start: 0,
+            length: 1,
+        },
+    };
 
     fn rules(name: &str) -> MacroRules {
         crate::profile::by_name(name).expect("a family").macros
@@ -367,10 +391,10 @@ mod tests {
 
     fn evaluated(text: &str, rules: MacroRules, first: Value) -> String {
         let mut memory = Memory::new(rules);
-        memory.put(1, first.raw());
-        memory.put(2, 3.0);
-        memory.put(103, 7.0);
-        memory.put(100, 103.0);
+        memory.put(1, first.raw(), HERE);
+        memory.put(2, 3.0, HERE);
+        memory.put(103, 7.0, HERE);
+        memory.put(100, 103.0, HERE);
         let mut code = Code::default();
         let mut parser = Parser::new(text.as_bytes(), 0, &rules, &mut code);
         let parsed = parser.any();

@@ -21,6 +21,28 @@ pub(crate) enum Op {
     /// `[#NAME]`, by its place in [`Code::names`].
     Named(u16),
     Negate,
+    /// On two operands of the stack.
+    Two(Binary),
+    /// The right operand is a number.
+    WithNumber(Binary, f64),
+    /// The right operand is a variable that is plain memory.
+    WithMemory(Binary, u16),
+    Function(Function),
+    /// A function of two operands.
+    Function2(Function),
+    /// PRM[n].
+    Parameter,
+    /// PRM[n,bit].
+    ParameterBit,
+    /// PRM[n]/[axis].
+    ParameterAxis,
+    /// PRM[n,bit]/[axis].
+    ParameterBitAxis,
+}
+
+/// What stands between two operands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Binary {
     Add,
     Subtract,
     Multiply,
@@ -39,17 +61,6 @@ pub(crate) enum Op {
     Both,
     Either,
     OneOf,
-    Function(Function),
-    /// A function of two operands.
-    Function2(Function),
-    /// PRM[n].
-    Parameter,
-    /// PRM[n,bit].
-    ParameterBit,
-    /// PRM[n]/[axis].
-    ParameterAxis,
-    /// PRM[n,bit]/[axis].
-    ParameterBitAxis,
 }
 
 /// Functions of one or two numbers.
@@ -134,6 +145,11 @@ impl Code {
     fn push(&mut self, op: Op, at: usize) {
         self.ops.push(op);
         self.places.push(at as u32);
+    }
+
+    fn pop(&mut self) {
+        self.ops.pop();
+        self.places.pop();
     }
 }
 
@@ -273,15 +289,15 @@ impl<'a> Parser<'a> {
         let mut left = self.product()?;
         loop {
             let at = self.at_next();
-            left = if let Some(op) = self.sign(b'+', Op::Add).or_else(|| self.sign(b'-', Op::Subtract)) {
+            left = if let Some(op) = self.sign(b'+', Binary::Add).or_else(|| self.sign(b'-', Binary::Subtract)) {
                 let right = self.product()?;
                 self.numbers(op, left, right, at)?
             } else if self.operator(&[("XOR", ())])?.is_some() {
                 let right = self.product()?;
-                self.logic(Op::Xor, Op::OneOf, left, right, at)?
+                self.logic(Binary::Xor, Binary::OneOf, left, right, at)?
             } else if self.operator(&[("OR", ())])?.is_some() {
                 let right = self.product()?;
-                self.logic(Op::Or, Op::Either, left, right, at)?
+                self.logic(Binary::Or, Binary::Either, left, right, at)?
             } else {
                 return Ok(left);
             };
@@ -293,15 +309,15 @@ impl<'a> Parser<'a> {
         let mut left = self.operand()?;
         loop {
             let at = self.at_next();
-            left = if let Some(op) = self.sign(b'*', Op::Multiply).or_else(|| self.sign(b'/', Op::Divide)) {
+            left = if let Some(op) = self.sign(b'*', Binary::Multiply).or_else(|| self.sign(b'/', Binary::Divide)) {
                 let right = self.operand()?;
                 self.numbers(op, left, right, at)?
             } else if self.operator(&[("AND", ())])?.is_some() {
                 let right = self.operand()?;
-                self.logic(Op::And, Op::Both, left, right, at)?
+                self.logic(Binary::And, Binary::Both, left, right, at)?
             } else if self.operator(&[("MOD", ())])?.is_some() {
                 let right = self.operand()?;
-                self.numbers(Op::Modulo, left, right, at)?
+                self.numbers(Binary::Modulo, left, right, at)?
             } else {
                 return Ok(left);
             };
@@ -514,7 +530,10 @@ impl<'a> Parser<'a> {
             return Err(self.format_error("POW needs two operands", "write POW[base,exponent]"));
         }
         match two {
-            true => self.two(Op::Function2(function), at),
+            true => {
+                self.code.push(Op::Function2(function), at);
+                self.stack -= 1;
+            }
             false => self.code.push(Op::Function(function), at),
         }
         Ok(Kind::Plain)
@@ -571,12 +590,21 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    fn two(&mut self, op: Op, at: usize) {
+    /// An operation on the two operands read last. One that ends in a number or a variable takes it along.
+    fn two(&mut self, binary: Binary, at: usize) {
+        let op = match self.code.ops.last() {
+            Some(Op::Number(n)) => Op::WithNumber(binary, *n),
+            Some(Op::Memory(n)) => Op::WithMemory(binary, *n),
+            _ => Op::Two(binary),
+        };
+        if !matches!(op, Op::Two(_)) {
+            self.code.pop();
+        }
         self.code.push(op, at);
         self.stack -= 1;
     }
 
-    fn numbers(&mut self, op: Op, left: Kind, right: Kind, at: usize) -> Outcome<Kind> {
+    fn numbers(&mut self, op: Binary, left: Kind, right: Kind, at: usize) -> Outcome<Kind> {
         if left == Kind::Truth || right == Kind::Truth {
             return Err(truth_as_number(at));
         }
@@ -585,7 +613,7 @@ impl<'a> Parser<'a> {
     }
 
     /// AND, OR, XOR: bit by bit on two numbers, logical on two comparisons.
-    fn logic(&mut self, bits: Op, truths: Op, left: Kind, right: Kind, at: usize) -> Outcome<Kind> {
+    fn logic(&mut self, bits: Binary, truths: Binary, left: Kind, right: Kind, at: usize) -> Outcome<Kind> {
         if left == Kind::Truth && right == Kind::Truth {
             self.two(truths, at);
             return Ok(Kind::Truth);
@@ -659,13 +687,13 @@ impl<'a> Parser<'a> {
 }
 
 /// EQ and NE are the only operators that tell vacant from 0.
-const COMPARISONS: [(&str, Op); 6] = [
-    ("EQ", Op::Equal),
-    ("NE", Op::NotEqual),
-    ("GT", Op::Greater),
-    ("GE", Op::GreaterOrEqual),
-    ("LT", Op::Less),
-    ("LE", Op::LessOrEqual),
+const COMPARISONS: [(&str, Binary); 6] = [
+    ("EQ", Binary::Equal),
+    ("NE", Binary::NotEqual),
+    ("GT", Binary::Greater),
+    ("GE", Binary::GreaterOrEqual),
+    ("LT", Binary::Less),
+    ("LE", Binary::LessOrEqual),
 ];
 
 /// Names may be shortened to their first two letters, except POW.

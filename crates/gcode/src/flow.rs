@@ -6,7 +6,7 @@ use crate::fault::{Fault, Outcome, Site};
 use crate::interpreter::Flow;
 use crate::listing::{File, LoopEnd, Place, program_number};
 use crate::macro_b::Locals;
-use crate::program::GcodeProgram;
+use crate::program::{GcodeProgram, leader};
 use crate::text::Lines;
 use plan::Severity;
 use std::collections::BTreeMap;
@@ -80,7 +80,7 @@ impl GcodeProgram {
                         self.ended = true;
                         Ok(())
                     }
-                    Act::Flow(Flow::Contour(request)) => self.read_contour(request),
+                    Act::Flow(Flow::Contour(request)) => self.read_contour(*request),
                     Act::Flow(Flow::Call { program, times, at }) => self.call(ProgramCall {
                         program,
                         times,
@@ -108,19 +108,15 @@ impl GcodeProgram {
     }
 
     /// To the block behind this one.
-    fn go_on(&mut self) {
+    #[inline]
+    pub(crate) fn go_on(&mut self) {
         let Some(index) = self.here.kept else { return }; // the text goes on by itself
         let kept = self.kept.get(index);
-        let next = match kept.next.get() {
-            Some(next) => Some(next),
-            None => {
-                let found = self.kept.find(self.current, self.here.after.offset);
-                kept.next.set(found);
-                found
-            }
-        };
-        self.next_kept = next;
-        if next.is_none() {
+        if kept.next.get().is_none() {
+            kept.next.set(self.kept.find(self.current, self.here.after.offset));
+        }
+        self.next_kept = kept.next.get();
+        if self.next_kept.is_none() {
             self.seek(self.current, self.here.after);
         }
     }
@@ -139,6 +135,7 @@ impl GcodeProgram {
     }
 
     /// Before a jump to `place`: lines that are gone through again are kept, and endless loops are found out.
+    #[inline]
     fn jumps_to(&mut self, place: Place) {
         if place > self.here.place {
             return;
@@ -155,6 +152,11 @@ impl GcodeProgram {
             self.repetition.seen.clear();
             return;
         }
+        self.look_for_repetition(place);
+    }
+
+    /// No variable has changed since the last jump back: the state decides.
+    fn look_for_repetition(&mut self, place: Place) {
         let print = Fingerprint {
             target: (self.current, place.offset),
             frames: self.frames.iter().map(|f| (f.return_to.offset, f.times_left)).collect(),
@@ -183,12 +185,12 @@ impl GcodeProgram {
     }
 
     /// GOTO: from the next block to the program's end, then from its start.
-    fn jump(&mut self, number: u32, at: usize) -> Outcome<()> {
+    pub(crate) fn jump(&mut self, number: u32, at: usize) -> Outcome<()> {
         if let Some(index) = self.here.kept
             && let Some((n, target)) = self.kept.get(index).jump.get()
             && n == number
         {
-            let place = self.kept.get(target).place;
+            let place = self.kept.get(target).here.place;
             self.leave_loops(place);
             self.jumps_to(place);
             self.next_kept = Some(target);
@@ -235,7 +237,8 @@ impl GcodeProgram {
         }
     }
 
-    fn begin_loop(&mut self, enters: bool, label: u8, at: usize) -> Outcome<()> {
+    #[inline]
+    pub(crate) fn begin_loop(&mut self, enters: bool, label: u8, at: usize) -> Outcome<()> {
         let first = self.first_loop();
         let again = self.loops.len() > first && self.loops[self.loops.len() - 1].start == self.here.place;
         if again {
@@ -246,6 +249,12 @@ impl GcodeProgram {
             }
             return Ok(());
         }
+        self.enter_loop(enters, label, at)
+    }
+
+    /// DO, met from outside its loop.
+    fn enter_loop(&mut self, enters: bool, label: u8, at: usize) -> Outcome<()> {
+        let first = self.first_loop();
         if self.loops[first..].iter().any(|l| l.label == label) {
             return Err(Fault::new(
                 at,
@@ -277,7 +286,8 @@ impl GcodeProgram {
         Ok(())
     }
 
-    fn end_loop(&mut self, label: u8, at: usize) -> Outcome<()> {
+    #[inline]
+    pub(crate) fn end_loop(&mut self, label: u8, at: usize) -> Outcome<()> {
         let first = self.first_loop();
         let open = match self.loops.last() {
             Some(open) if self.loops.len() > first && open.label == label => open,
@@ -500,7 +510,7 @@ impl GcodeProgram {
     fn open_program(&mut self, number: u32, at: usize) -> Outcome<(usize, Place)> {
         let name = format!("O{number:04}");
         if let Some(known) = self.files.iter().position(|f| f.name == name) {
-            return Ok((known, Place::default()));
+            return Ok((known, self.body_of(known, number)));
         }
         let source = match self.resolver.open(&name) {
             Some(source) if self.files.len() < MOST_FILES => source,
@@ -519,6 +529,19 @@ impl GcodeProgram {
             lines: Lines::new(source),
             programs: None,
         });
-        Ok((self.files.len() - 1, Place::default()))
+        let file = self.files.len() - 1;
+        Ok((file, self.body_of(file, number)))
+    }
+
+    /// Where a program begins that has a file of its own: at its O line, else behind the first `%`. A search for blocks that began at
+    /// the `%` would end at the O line.
+    fn body_of(&mut self, file: usize, number: u32) -> Place {
+        if let Some(place) = self.program_in(file, number) {
+            return place;
+        }
+        let lines = &mut self.files[file].lines;
+        lines.seek(0, 0);
+        // A file that cannot be read alarms at its first line.
+        leader(lines).map_or_else(|_| Place::default(), |(offset, lines)| Place { offset, lines })
     }
 }

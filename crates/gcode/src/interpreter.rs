@@ -4,7 +4,7 @@
 //! Lengths in here are millimetres, X of a lathe is a radius: words are converted by [`Interpreter::length`] and the factors of the
 //! profile's axis words, and nowhere else.
 
-use crate::block::{Block, Code, Word};
+use crate::block::{Block, Code, Word, set_of};
 use crate::calls::ModalCall;
 use crate::compensation::Compensation;
 use crate::corner::Corner;
@@ -34,12 +34,12 @@ pub(crate) enum Item {
 }
 
 /// What happens behind a block.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Flow {
     NextBlock,
     End,
     /// G70 to G73: the contour is read, then the cycle begins.
-    Contour(ContourRequest),
+    Contour(Box<ContourRequest>),
     /// M98, at this byte.
     Call {
         program: u32,
@@ -59,6 +59,8 @@ pub(crate) const MOST_ITEMS: usize = 50_000;
 /// The state of a program being read.
 pub(crate) struct Interpreter {
     pub profile: &'static Profile,
+    /// The profile's letters as a set.
+    known_letters: u32,
     pub macros: MacroRules,
     pub options: Options,
     pub tables: Tables,
@@ -188,6 +190,7 @@ impl Interpreter {
         let memory = Memory::new(macros);
         let mut new = Interpreter {
             profile,
+            known_letters: set_of(profile.letters),
             macros,
             options: options.clone(),
             tables: tables.clone(),
@@ -290,7 +293,7 @@ impl Interpreter {
         }
         // What was there before the program is no change of it.
         self.out.clear();
-        self.memory.kept_before.clear();
+        self.memory.kept_writes.clear();
     }
 
     /// The machine's answer for the line being executed.
@@ -303,6 +306,7 @@ impl Interpreter {
     }
 
     /// The line is done: the next one asks anew.
+    #[inline]
     pub(crate) fn forget_answers(&mut self) {
         if !self.answers.is_empty() {
             self.answers.clear();
@@ -363,6 +367,7 @@ impl Interpreter {
         self.emit(StepKind::End(Level::Program));
     }
 
+    #[inline]
     pub(crate) fn emit(&mut self, kind: StepKind) {
         self.push(Item::Step(self.origin, kind));
     }
@@ -469,8 +474,14 @@ impl Interpreter {
         let said = self.read_codes(block, site)?;
         block.check_once()?;
         self.check_letters(block)?;
-        let (m_codes, m_count) = block.m_codes();
-        let m_codes = &m_codes[..m_count];
+        let m_codes;
+        let m_codes = match block.has_m() {
+            true => {
+                m_codes = block.m_codes();
+                &m_codes.0[..m_codes.1]
+            }
+            false => &[],
+        };
 
         self.set_feed(block, site)?;
         self.set_spindle(block, &said, m_codes, site)?;
@@ -495,13 +506,13 @@ impl Interpreter {
         if let Some(fault) = self.compensation.fault.take() {
             return Err(fault);
         }
-        if let Some(request) = self.turning_cycles.request {
-            self.turning_cycles.request = None;
-            return Ok(Flow::Contour(request));
+        if let Some(request) = self.turning_cycles.request.take() {
+            return Ok(Flow::Contour(Box::new(request)));
         }
-        if !m_codes.is_empty() {
-            self.go_on_to_the_end()?;
+        if m_codes.is_empty() {
+            return Ok(Flow::NextBlock);
         }
+        self.go_on_to_the_end()?;
         self.after_motion(m_codes, block, site)
     }
 
@@ -610,20 +621,16 @@ impl Interpreter {
     }
 
     fn check_letters(&self, block: &Block) -> Outcome<()> {
-        for letter in b'A'..=b'Z' {
-            if let Some(word) = block.look(letter)
-                && !self.profile.letters.contains(&letter)
-            {
-                return Err(Fault::new(
-                    word.at,
-                    9,
-                    "unknown-letter",
-                    format!("the {} control knows no word {}", self.profile.name, char::from(letter)),
-                    "take it out, or choose another dialect",
-                ));
-            }
+        match block.outside(self.known_letters) {
+            None => Ok(()),
+            Some((letter, word)) => Err(Fault::new(
+                word.at,
+                9,
+                "unknown-letter",
+                format!("the {} control knows no word {letter}", self.profile.name),
+                "take it out, or choose another dialect",
+            )),
         }
-        Ok(())
     }
 
     fn set_feed(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<()> {

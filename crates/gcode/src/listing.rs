@@ -5,8 +5,10 @@
 
 use crate::fault::Fault;
 use crate::line::{Line, Reading};
+use crate::program::Here;
 use crate::statement::Statement;
 use crate::text::Lines;
+use plan::Origin;
 use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -32,8 +34,9 @@ pub(crate) struct File {
 pub(crate) struct Kept {
     pub text: Box<[u8]>,
     pub line: Line,
-    pub place: Place,
-    pub after: Place,
+    /// Its place, ready to be taken over.
+    pub here: Here,
+    pub origin: Origin,
     /// The kept line that follows, when it is known.
     pub next: Cell<Option<u32>>,
     /// Where its GOTO went last: the sequence number, the kept line there, and the byte it begins at.
@@ -62,12 +65,12 @@ impl KeptLines {
     }
 
     /// Keeps a line; false when there is no room.
-    pub(crate) fn keep(&mut self, file: usize, kept: impl FnOnce() -> Kept, offset: u64) -> bool {
+    pub(crate) fn keep(&mut self, file: usize, kept: impl FnOnce(u32) -> Kept, offset: u64) -> bool {
         if self.lines.len() >= MOST_KEPT || self.bytes >= MOST_BYTES {
             return false;
         }
         if self.find(file, offset).is_none() {
-            let kept = kept();
+            let kept = kept(self.lines.len() as u32);
             self.bytes += kept.text.len() + 64 * kept.line.words.len();
             self.by_place.insert((file, offset), self.lines.len() as u32);
             self.lines.push(Rc::new(kept));

@@ -1,5 +1,6 @@
 //! [`GcodeProgram`]: a text file as a [`plan::ProgramStream`].
 
+mod again;
 mod contour;
 
 use crate::acting::{Act, act};
@@ -16,12 +17,11 @@ use crate::parameters::Parameters;
 use crate::profile::Profile;
 use crate::text::{LONGEST_LINE, Line as Raw, LineError, Lines, characters};
 use plan::{
-    Alarm, Answer, ByteSource, Diagnostic, FileId, Next, Origin, ProgramStream, Question, RegisterChange, Resolver, Severity,
-    Step, StepKind, StopKind, Tables,
+    Alarm, Answer, ByteSource, Diagnostic, FileId, Next, Origin, ProgramStream, Question, Resolver, Severity, Step, StepKind,
+    StopKind, Tables,
 };
 use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
-use std::rc::Rc;
 use units::{Machine, Millimetres, Point, Rpm, StepId};
 
 /// What the machine's settings and switches say about reading a program.
@@ -273,6 +273,7 @@ impl GcodeProgram {
         self.interpreter.inches
     }
 
+    #[inline]
     fn number_step(&mut self, origin: Origin, kind: StepKind) -> Next {
         match self.last_step.checked_add(1) {
             Some(id) => {
@@ -368,30 +369,7 @@ impl GcodeProgram {
     /// Reads and executes one line.
     fn advance(&mut self) {
         if let Some(index) = self.next_kept {
-            let kept = Rc::clone(self.kept.get(index));
-            self.here = Here {
-                place: kept.place,
-                after: kept.after,
-                number: kept.place.lines + 1,
-                length: kept.text.len() as u32,
-                kept: Some(index),
-            };
-            self.interpreter.origin = origin(self.current, &self.here);
-            let site = Site {
-                text: &kept.text,
-                number: self.here.number,
-            };
-            if kept.line.kind == Kind::Blank {
-                self.block.comment = kept.line.comment;
-                self.interpreter.comment_line(&self.block, site);
-                return self.follow(Ok(Act::Flow(Flow::NextBlock)), site);
-            }
-            if self.meets_the_end(&kept.line) {
-                return;
-            }
-            let result = act(&mut self.interpreter, &mut self.block, &kept.line, site, &mut self.stack);
-            self.count_block();
-            return self.follow(result, site);
+            return self.go_through_kept(index);
         }
         let waited = self.again.take();
         let raw = match waited {
@@ -488,32 +466,22 @@ impl GcodeProgram {
         if self.here.place.offset >= self.keep_until {
             return;
         }
-        let (place, after) = (self.here.place, self.here.after);
+        let (here, origin) = (self.here, self.interpreter.origin);
         let (line, text) = (&self.line, self.files[self.current].lines.bytes(raw));
-        let keep = || Kept {
+        let keep = |index| Kept {
             text: text.into(),
             line: line.clone(),
-            place,
-            after,
+            here: Here {
+                kept: Some(index),
+                ..here
+            },
+            origin,
             next: Cell::new(None),
             jump: Cell::new(None),
         };
-        if !self.kept.keep(self.current, keep, place.offset) {
+        if !self.kept.keep(self.current, keep, here.place.offset) {
             self.keep_until = 0;
         }
-    }
-
-    /// True when a kept line is the O line of the next program.
-    fn meets_the_end(&mut self, line: &Line) -> bool {
-        if let Some((number, _)) = line.program {
-            if !self.at_start {
-                self.end_of_text(Some(self.here.number));
-                return true;
-            }
-            self.interpreter.program_number = number;
-        }
-        self.at_start = false;
-        false
     }
 
     /// The line waits for an answer: everything said before is done first.
@@ -524,6 +492,7 @@ impl GcodeProgram {
     }
 
     /// An endless program ends here: blocks that move nothing are counted.
+    #[inline]
     fn count_block(&mut self) {
         self.blocks_at_rest += 1;
         self.interpreter.nominal += NOMINAL_BLOCK;
@@ -572,20 +541,6 @@ impl GcodeProgram {
         self.interpreter.finish();
         self.ended = true;
     }
-
-    /// The next kept variable that the program wrote and the machine was not told of.
-    fn untold_register(&mut self) -> Option<StepKind> {
-        let (number, before) = self.interpreter.memory.kept_before.pop()?;
-        let held = |value| match value {
-            Value::Vacant => None,
-            Value::Number(n) => Some(n),
-        };
-        Some(StepKind::Register(RegisterChange {
-            register: plan::Register::Variable(number),
-            before: held(Value::of(before)),
-            after: held(self.interpreter.memory.read(number)),
-        }))
-    }
 }
 
 impl ProgramStream for GcodeProgram {
@@ -595,8 +550,8 @@ impl ProgramStream for GcodeProgram {
         }
         loop {
             let goes_out = !self.interpreter.out.is_empty() || self.alarm.is_some() || self.ended;
-            if goes_out && let Some(kind) = self.untold_register() {
-                return self.number_step(self.interpreter.origin, kind);
+            if goes_out && let Some((origin, kind)) = self.interpreter.untold_write() {
+                return self.number_step(origin, kind);
             }
             match self.interpreter.out.pop_front() {
                 Some(Item::Step(origin, kind)) => {
@@ -683,7 +638,7 @@ fn line_error(error: LineError) -> Diagnostic {
 }
 
 /// Where the program starts: behind a leader, which is any text before the first `%` that does not look like blocks.
-fn leader(lines: &mut Lines) -> Result<(u64, u32), LineError> {
+pub(crate) fn leader(lines: &mut Lines) -> Result<(u64, u32), LineError> {
     const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
     let mut first = (0, 0);
     while let Some(line) = lines.next()? {

@@ -90,7 +90,7 @@ impl Lines {
     pub(crate) fn next(&mut self) -> Result<Option<Line>, LineError> {
         loop {
             let rest = &self.window[self.next..];
-            if let Some(length) = rest.iter().position(|b| *b == b'\n') {
+            if let Some(length) = line_end(rest) {
                 return self.line(length, 1).map(Some);
             }
             if rest.len() > LONGEST_LINE {
@@ -161,6 +161,23 @@ impl Lines {
     }
 }
 
+/// The first line feed. Lines are short: eight bytes at a time beat a search that has to get going first.
+#[inline]
+fn line_end(bytes: &[u8]) -> Option<usize> {
+    const ONES: u64 = u64::MAX / 255;
+    let (chunks, rest) = bytes.as_chunks::<8>();
+    for (index, chunk) in chunks.iter().enumerate() {
+        let differs = u64::from_le_bytes(*chunk) ^ (ONES * b'\n' as u64);
+        // The lowest bit of this is the high bit of the first byte that is 0; higher ones may be wrong.
+        let zero = differs.wrapping_sub(ONES) & !differs & (ONES << 7);
+        if zero != 0 {
+            return Some(8 * index + zero.trailing_zeros() as usize / 8);
+        }
+    }
+    let at = rest.iter().position(|b| *b == b'\n')?;
+    Some(bytes.len() - rest.len() + at)
+}
+
 /// A number without sign, as a program writes it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Number {
@@ -171,39 +188,50 @@ pub(crate) struct Number {
 }
 
 /// The number that starts at byte `at`: `12`, `12.`, `.5`, `12.5`; `None` when there is none or it has more than 18 digits.
+#[inline]
 pub(crate) fn number_at(text: &[u8], at: usize) -> Option<Number> {
     let mut mantissa: u64 = 0;
-    let mut digits = 0_u32;
-    let mut decimals = 0_usize;
-    let mut has_point = false;
     let mut end = at;
-    while let Some(byte) = text.get(end) {
-        match byte {
-            b'0'..=b'9' => {
-                // Leading zeros carry nothing: `X000000000000000000001.` is 1.
-                if digits > 0 || *byte != b'0' {
-                    digits += 1;
-                }
-                if digits > 18 {
-                    return None;
-                }
-                mantissa = mantissa * 10 + u64::from(byte - b'0');
-                decimals += usize::from(has_point);
+    let mut digits = |end: &mut usize| {
+        while let Some(byte) = text.get(*end) {
+            let digit = byte.wrapping_sub(b'0');
+            if digit > 9 {
+                break;
             }
-            b'.' if !has_point => has_point = true,
-            _ => break,
+            mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(digit));
+            *end += 1;
         }
+    };
+    digits(&mut end);
+    let mut count = end - at;
+    let mut decimals = 0;
+    let has_point = text.get(end) == Some(&b'.');
+    if has_point {
         end += 1;
+        let point = end;
+        digits(&mut end);
+        decimals = end - point;
+        count += decimals;
     }
-    if end == at || (has_point && end == at + 1) {
+    if count == 0 {
         return None;
     }
     // Both operands are exact up to 2^53 and 10^22, so the quotient is the nearest double to what was written.
     let value = match TENS.get(decimals) {
-        Some(ten) => mantissa as f64 / ten,
-        None => mantissa as f64 / libm::pow(10.0, decimals as f64),
+        Some(ten) if count <= 18 && mantissa <= 1 << 53 => mantissa as f64 / ten,
+        _ => long_number(&text[at..end])?,
     };
     Some(Number { value, has_point, end })
+}
+
+/// A number of many digits; leading zeros carry nothing: `X000000000000000000001.` is 1.
+#[cold]
+fn long_number(written: &[u8]) -> Option<f64> {
+    let significant = written.iter().filter(|b| **b != b'.').skip_while(|b| **b == b'0');
+    if significant.count() > 18 {
+        return None;
+    }
+    std::str::from_utf8(written).ok()?.parse().ok()
 }
 
 const TENS: [f64; 23] = [
@@ -255,6 +283,18 @@ mod tests {
     }
 
     #[test]
+    fn a_line_feed_is_found_wherever_it_stands() {
+        for length in 0..40 {
+            let mut text = vec![b'\n' + 1; length];
+            assert_eq!(line_end(&text), None);
+            for at in (0..length).rev() {
+                text[at] = b'\n';
+                assert_eq!(line_end(&text), Some(at));
+            }
+        }
+    }
+
+    #[test]
     fn a_line_across_two_windows_is_whole() {
         let mut text = Vec::new();
         for k in 0..40_000 {
@@ -284,6 +324,11 @@ mod tests {
             "1.2345",
             "999999.999999",
             "000000000000000000000.25",
+            "0.000000000000000000000000000012345",
+            "9007199254740993",
+            "9007199254.740993",
+            "123456789012345.678",
+            "0.999999999999999999",
         ] {
             let expected = text.parse::<f64>().ok();
             assert_eq!(number_at(text.as_bytes(), 0).map(|n| n.value), expected, "{text}");

@@ -9,6 +9,7 @@
 use super::compact::{self, Merged};
 use super::gap::Gap;
 use super::reader::{cut, read};
+use crate::record::{Finished, Reader, schema::key};
 use crate::{DataDirectory, Job, JobId, JobState, Log, StoreError, whole_file};
 use serde::Serialize;
 use serde_json::Value;
@@ -143,6 +144,26 @@ impl DataDirectory {
         }))
     }
 
+    /// The job's record file, when the process died between its last byte and its catalogue row: all of the recording is in it.
+    fn finished_record(&self, job: &Job) -> Result<Option<(Finished, Vec<Gap>)>, StoreError> {
+        // The folder may be one that an earlier run of the same program wrote to.
+        let path = job.folder.join("record.parquet");
+        let Ok(reader) = Reader::open(&path) else {
+            return Ok(None);
+        };
+        let header = reader.header();
+        let of_the_job = (&header.machine, header.start, header.seed) == (&job.machine, job.start, job.seed);
+        let hash = reader.hash()?;
+        if !of_the_job || self.records()?.iter().any(|row| row.hash == hash) {
+            return Ok(None);
+        }
+        let gaps = reader.metadata().get(key::GAPS).map_or("[]", String::as_str);
+        match serde_json::from_str(gaps) {
+            Ok(gaps) => Ok(Some((reader.finished()?, gaps))),
+            Err(_) => Ok(None),
+        }
+    }
+
     fn recover_from(&mut self, job: &Job, folder: &Path) -> Result<Recovery, StoreError> {
         // A process that was killed before its recording had a head leaves a folder with nothing in it.
         let events = self.events(Log::Job(job.id), 1, usize::MAX)?;
@@ -151,11 +172,13 @@ impl DataDirectory {
             JobState::Running => "interrupted",
             JobState::Over(ending) => JobState::Over(ending).word(),
         };
-        let merged = compact::merge(folder, &target, &events, &[("toolmark.recovered", why.to_owned())]);
-        let (record, gaps, lost) = match merged {
-            Ok(merged) => (Some(merged.finished), merged.gaps, merged.lost),
-            Err(StoreError::Damaged { .. }) => (None, Vec::new(), unreadable(folder)?),
-            Err(other) => return Err(other),
+        let (record, gaps, lost) = match self.finished_record(job)? {
+            Some((finished, gaps)) => (Some(finished), gaps, Vec::new()),
+            None => match compact::merge(folder, &target, &events, &[("toolmark.recovered", why.to_owned())]) {
+                Ok(merged) => (Some(merged.finished), merged.gaps, merged.lost),
+                Err(StoreError::Damaged { .. }) => (None, Vec::new(), unreadable(folder)?),
+                Err(other) => return Err(other),
+            },
         };
         let lost: Vec<String> = lost
             .iter()

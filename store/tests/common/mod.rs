@@ -77,7 +77,7 @@ fn size_a_part(directory: &mut DataDirectory) {
     let job = SizingJob {
         id: 0,
         machine: "sim-mill".into(),
-        diameters: String::new(),
+        diameters: "x".into(),
         name: "BRACKET".into(),
         text: "name = \"BRACKET\"".into(),
     };
