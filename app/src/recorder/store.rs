@@ -122,8 +122,16 @@ impl StoreSink {
         }
     }
 
-    /// The recording, begun at the latest now.
+    /// The recording, begun at the latest now, with the gaps that waited for it.
     fn begun(&mut self, device: impl FnOnce() -> String) -> Result<&mut Open, Refused> {
+        // Refused, they come again: the agent is asked from before them.
+        let early = std::mem::take(&mut self.early);
+        let open = self.begin(device)?;
+        early.iter().try_for_each(|gap| open.segments.gap(gap))?;
+        Ok(open)
+    }
+
+    fn begin(&mut self, device: impl FnOnce() -> String) -> Result<&mut Open, Refused> {
         if self.open.is_none() {
             let start = clock::start_time(None).map_err(Refused::Never)?;
             let device = self.device.get_or_insert_with(device);
@@ -163,12 +171,7 @@ impl StoreSink {
                 files: Vec::new(),
             });
         }
-        let open = self.open.as_mut().expect("it was put there above");
-        while let Some(gap) = self.early.first() {
-            open.segments.gap(gap)?;
-            self.early.remove(0);
-        }
-        Ok(open)
+        Ok(self.open.as_mut().expect("it was put there above"))
     }
 
     /// Compacts what was closed and catalogues what was compacted, without waiting for either; with `all`, until nothing is left.

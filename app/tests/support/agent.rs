@@ -1,7 +1,7 @@
 //! An agent that replays a recording over real sockets: its observations at their times, a bounded buffer, streams with heartbeats, and
 //! faults as a script wants them.
 
-#![allow(dead_code, reason = "each test file uses a part of it")]
+#![allow(dead_code, reason = "several test programs share it, and each needs a part of it")]
 
 use mtconnect::streams::{Category, Streams, Value, read_streams};
 use std::collections::BTreeMap;
