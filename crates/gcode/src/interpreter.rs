@@ -293,7 +293,7 @@ impl Interpreter {
         }
         // What was there before the program is no change of it.
         self.out.clear();
-        self.memory.kept_before.clear();
+        while self.memory.tell_kept().is_some() {}
     }
 
     /// The machine's answer for the line being executed.

@@ -173,8 +173,9 @@ pub(crate) struct Memory {
     rules: MacroRules,
     /// Counts writes that changed something: a loop that changes nothing is endless.
     pub changes: u64,
-    /// Kept variables written since they were told last, with what they held before.
-    pub kept_before: Vec<(u32, f64)>,
+    /// Kept variables written since they were told last, with what they held before; and for each variable whether it is one of them.
+    kept_before: Vec<(u32, f64)>,
+    is_untold: Vec<bool>,
 }
 
 /// First system variable of Fanuc; LinuxCNC's parameters end before its own.
@@ -205,6 +206,7 @@ impl Memory {
             rules,
             changes: 0,
             kept_before: Vec::new(),
+            is_untold: vec![false; count as usize],
         }
     }
 
@@ -227,7 +229,8 @@ impl Memory {
         if place.to_bits() == value.to_bits() || (place.is_nan() && value.is_nan()) {
             return;
         }
-        if number >= *KEPT.start() && !self.kept_before.iter().any(|(n, _)| *n == number) {
+        if number >= *KEPT.start() && !self.is_untold[number as usize] {
+            self.is_untold[number as usize] = true;
             self.kept_before.push((number, *place));
         }
         *place = if value.is_nan() && self.rules.unset_is_zero {
@@ -236,6 +239,13 @@ impl Memory {
             value
         };
         self.changes += 1;
+    }
+
+    /// The next kept variable that was written and not told, with what it held before; it counts as told from here.
+    pub(crate) fn tell_kept(&mut self) -> Option<(u32, f64)> {
+        let (number, before) = self.kept_before.pop()?;
+        self.is_untold[number as usize] = false;
+        Some((number, before))
     }
 
     /// A new set of locals; gives back the old one.

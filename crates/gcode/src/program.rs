@@ -544,7 +544,7 @@ impl GcodeProgram {
 
     /// The next kept variable that the program wrote and the machine was not told of.
     fn untold_register(&mut self) -> Option<StepKind> {
-        let (number, before) = self.interpreter.memory.kept_before.pop()?;
+        let (number, before) = self.interpreter.memory.tell_kept()?;
         let held = |value| match value {
             Value::Vacant => None,
             Value::Number(n) => Some(n),
