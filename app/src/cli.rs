@@ -82,6 +82,7 @@ pub enum Command {
     Plan(PlanArgs),
     /// Record what an MTConnect agent tells: its buffer first, then live, through cuts and restarts of the agent. Ctrl-C ends it. What
     /// could not be had is a gap with its sequence numbers.
+    #[command(after_help = RECORD_HELP)]
     Record(RecordArgs),
     /// Rebuild what happened from a record: cut it into the plan's workingsteps and write an as-executed STEP-NC file.
     #[command(
@@ -303,15 +304,25 @@ pub struct RunArgs {
     pub plant_shift: Option<String>,
 }
 
+const RECORD_HELP: &str = "\
+Without --out every observation goes into the data directory: a job with files of a million rows below records/<device>/<day>/, each in
+the catalogue as soon as it is full. Killed at any moment, the next command that works there keeps what was on disk, and recording the
+same agent again goes on where it was, as the next job. While it runs it holds the data directory.
+  toolmark record http://mill-3:5000                      then: toolmark trace list, toolmark rebuild --no-plan last --out run.stpnc
+  toolmark record http://mill-3:5000 --out run.parquet    one file, without a data directory";
+
 /// `toolmark record`
 #[derive(Debug, Args)]
 pub struct RecordArgs {
     /// The agent: http://HOST:PORT, with /DEVICE behind it for one device; a whole sample query works too.
     pub url: String,
     /// Where to, by ending: .txt one position a line, .parquet every observation. A .txt that is there already is continued, and so is
-    /// a .parquet whose recorder was killed.
+    /// a .parquet whose recorder was killed [default: every observation into the data directory].
     #[arg(long, value_name = "F")]
-    pub out: PathBuf,
+    pub out: Option<PathBuf>,
+    /// Rows of one file in the data directory.
+    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..))]
+    pub file_rows: u64,
     /// Which data items, as the agent understands it: //DataItem[@type="PATH_POSITION"] [default: all].
     #[arg(long, value_name = "XPATH")]
     pub path: Option<String>,
@@ -321,7 +332,7 @@ pub struct RecordArgs {
     /// Most observations in one answer [default: 5000].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
-    /// First sequence number [default: the oldest in the agent's buffer].
+    /// First sequence number [default: the oldest in the agent's buffer]; where a recording goes on, it goes on where it was.
     #[arg(long, value_name = "SEQ")]
     pub from: Option<u64>,
     /// End after so many seconds [default: Ctrl-C ends it].
@@ -335,7 +346,8 @@ pub struct RecordArgs {
 /// `toolmark rebuild`
 #[derive(Debug, Args)]
 pub struct RebuildArgs {
-    /// The plan and the record; with --no-plan the record alone.
+    /// The plan and the record; with --no-plan the record alone. A record is a file, or a job of the data directory by its number, or
+    /// `last`.
     #[arg(required = true, num_args = 1..=2, value_names = ["PLAN", "RECORD"])]
     pub files: Vec<PathBuf>,
     /// There is no plan: tell feed from rapid by the record's own speeds.

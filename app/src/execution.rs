@@ -3,6 +3,7 @@
 //! The rebuild reads the record file, not the samples in memory: what the report says is what the file says.
 
 use crate::failure::Failure;
+use crate::printed::{self, Printed};
 use crate::program::Program;
 use crate::progress::Progress;
 use crate::report::{self, Page};
@@ -60,6 +61,8 @@ pub struct Run {
     pub gaps: Vec<Gap>,
     /// Plan against run.
     pub rebuild: Rebuild,
+    /// What the program printed.
+    pub printed: Printed,
     /// Where its files are.
     pub folder: PathBuf,
 }
@@ -132,15 +135,10 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         if new.is_empty() {
             return Ok(());
         }
-        directory.append_job_events(job.id, new).map_err(shop::failure)?;
         // What the program wrote into the control's registers is there for the next one, whatever becomes of this run.
-        for event in new.iter().filter(|e| e.kind == "register") {
-            let change = written(event);
-            let why = format!("written by {} in job {}", order.program.name, job.id);
-            directory
-                .write_registers(order.machine, change.as_slice(), (order.who, &why), event.at())
-                .map_err(shop::failure)?;
-        }
+        directory
+            .append_run_events(job.id, order.machine, order.who, new)
+            .map_err(shop::failure)?;
         Ok(())
     })?;
     let RunRows {
@@ -166,8 +164,16 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         as_an_agent_saw_it(&mut record_read, &thinned);
     }
     let rebuild = rebuild(order, &record_read, &outcome)?;
-    write_down(order, &folder, &outcome, (&record, &gaps), &rebuild)?;
-    let written = ["as-executed.stpnc", "report.json", "report.html"].map(|name| folder.join(name));
+    let printed = Printed::of(&events);
+    write_down(order, &folder, &outcome, (&record, &gaps), (&rebuild, &printed))?;
+    let mut written = ["as-executed.stpnc", "report.json", "report.html"]
+        .map(|name| folder.join(name))
+        .to_vec();
+    if !printed.lines.is_empty() {
+        let path = folder.join(printed::FILE);
+        files::write(&path, &printed.bytes)?;
+        written.push(path);
+    }
     directory.keep_files(job.id, &written, end).map_err(shop::failure)?;
 
     let ending = if outcome.ended == Ended::Completed {
@@ -181,18 +187,8 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         record,
         gaps,
         rebuild,
+        printed,
         folder,
-    })
-}
-
-/// The register that an event tells of.
-fn written(event: &Event) -> Option<plan::RegisterChange> {
-    let name = event.detail.get("register")?.as_str()?;
-    let number = |key: &str| event.detail.get(key).and_then(serde_json::Value::as_f64);
-    Some(plan::RegisterChange {
-        register: plan::Register::named(name)?,
-        before: number("before"),
-        after: number("after"),
     })
 }
 
@@ -233,10 +229,14 @@ fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Re
     let mut world =
         World::new(config, trajectory).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
     let mut progress = Progress::new("running");
+    let mut kept = 0;
     let began = Instant::now();
     loop {
         let outcome = world.advance(100, rows);
-        if outcome.is_some() || world.now().0 % 1000 == 0 {
+        // A changed offset is kept before the machine goes on; everything else once in a second.
+        let changed = rows.events[kept..].iter().any(|event| event.kind == "register");
+        if changed || outcome.is_some() || world.now().0 % 1000 == 0 {
+            kept = rows.events.len();
             keep(order.start.at(world.now()), &rows.events)?;
         }
         if let Some(outcome) = outcome {
@@ -329,7 +329,7 @@ fn write_down(
     folder: &Path,
     outcome: &Outcome,
     (record, gaps): (&Finished, &[Gap]),
-    rebuild: &Rebuild,
+    (rebuild, printed): (&Rebuild, &Printed),
 ) -> Result<(), Failure> {
     let options = TwinOptions {
         machine: Some((order.machine.name.clone(), "simulated".to_owned())),
@@ -352,6 +352,7 @@ fn write_down(
             ("run by".into(), order.who.to_owned()),
         ],
         report: &rebuild.report,
+        printed,
     };
     report::write(&page, folder)
 }
@@ -378,5 +379,89 @@ pub fn as_executed(program: &Program, run: &AsExecuted, options: &TwinOptions) -
             Ok(saved.bytes)
         }
         None => stepnc::write_new(run, options).map_err(|e| Failure::negative(format_args!("error: {e}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cell::sim::measure::{Feature, Gauge};
+
+    /// One data directory, one lathe whose T words call O9000.
+    struct Shop {
+        folder: tempfile::TempDir,
+        machine: MachineFile,
+    }
+
+    impl Shop {
+        fn new() -> Shop {
+            let text = format!(
+                "{}\n[control_parameters]\n\"6001.5\" = 1\n",
+                include_str!("../../store/machines/sim-lathe.toml")
+            );
+            Shop {
+                folder: tempfile::tempdir().expect("a folder"),
+                machine: MachineFile::parse(&text, "lathe.toml").expect("a machine"),
+            }
+        }
+
+        /// Turns one seat and puts it on the gauge: its true diameter, mm.
+        fn turned(&self, head: &str, name: &str) -> f64 {
+            let write = |file: &str, text: &str| {
+                let path = self.folder.path().join(file);
+                std::fs::write(&path, text).expect("written");
+                path
+            };
+            // The macro: an entry of a measured size becomes wear of the offset that the T word names, before the turret indexes.
+            write(
+                "O9000.nc",
+                "%\nO9000\nIF[#501EQ#0]GOTO9\nIF[#501EQ0]GOTO9\n#101=#501\n#501=0\n#102=2000+[#149-FIX[#149/100]*100]\n\
+                 #[#102]=#[#102]+[40.000-#101]\nN9T#149\nM99\n%\n",
+            );
+            let seat = "T0303\nG97 S2400 M3\nG0 X42. Z1.\nX40.\nG1 Z-6. F0.3\nU1.\nG0 Z1.\nM5\nM30\n%\n";
+            let path = write("seat.nc", &format!("%\nO40(SEAT)\nG21 G18 G40 G99\nG50 S3000\n{head}{seat}"));
+            let mut directory = DataDirectory::open(&self.folder.path().join("data"), "test").expect("free");
+            let start = Timestamp(1_795_132_800_000_000_000);
+            directory.take_over(&self.machine, "Maria", start).expect("taken over");
+            let mut program = Program::open(&path, None, Some(&self.machine)).expect("a program");
+            program.variables = directory.variables(&self.machine).expect("reads");
+            let order = Order {
+                program: &program,
+                machine: &self.machine,
+                tables: directory.tables(&self.machine).expect("reads"),
+                seed: 1,
+                start,
+                faults: vec![],
+                thinned: None,
+                out: Some(&self.folder.path().join(name)),
+                tolerance: None,
+                fast: true,
+                who: "Maria",
+            };
+            let feature = Feature::TurnedDiameter {
+                z_from: Millimetres(-5.0),
+                z_to: Millimetres(-1.0),
+            };
+            let mut part = Part::new(feature, &[]);
+            let done = super::run(&order, &mut directory, Some(&mut part)).expect("runs");
+            assert_eq!(done.outcome.ended, Ended::Completed);
+            let reading = part.measure(&mut Gauge::new(Millimetres(0.0), 1));
+            reading.expect("something was cut").true_value.0
+        }
+    }
+
+    #[test]
+    fn a_macro_that_the_t_word_calls_changes_the_diameter_that_is_turned() {
+        let shop = Shop::new();
+        let first = shop.turned("", "one");
+        let sized = shop.turned("#501=40.100\n", "two");
+        let next = shop.turned("", "three");
+        println!("{first:.4} {sized:.4} {next:.4}");
+        assert!((first - 40.0).abs() < 0.01, "{first}");
+        assert!((first - sized - 0.1).abs() < 0.002, "{first} -> {sized}");
+        assert!(
+            (sized - next).abs() < 0.002,
+            "the wear is there, and the entry was taken once: {sized} -> {next}"
+        );
     }
 }

@@ -9,6 +9,7 @@ mod execution;
 mod failure;
 mod files;
 mod net;
+mod printed;
 mod program;
 mod progress;
 mod recorder;

@@ -22,6 +22,8 @@ pub struct Program {
     pub hash: Hash,
     /// What it is written in.
     pub kind: Kind,
+    /// Parameters of the control that decide how the program is read.
+    pub parameters: gcode::Parameters,
     /// Variables that the control has kept from earlier programs.
     pub variables: BTreeMap<u32, f64>,
 }
@@ -50,6 +52,10 @@ impl Program {
             .map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
         let unreadable = |error: &dyn std::fmt::Display| Failure::unreadable(format_args!("{}: {error}", path.display()));
         let wanted = dialect.map(known_dialect).transpose()?;
+        let mut parameters = gcode::Parameters::default();
+        for (key, value) in machine.iter().flat_map(|m| &m.control_parameters) {
+            parameters.set(key, *value).map_err(Failure::unreadable)?;
+        }
         let mut source = FileSource::open(path).map_err(|e| unreadable(&e))?;
         if source.length() == 0 {
             return Err(Failure::unreadable(format_args!(
@@ -70,6 +76,7 @@ impl Program {
                 name,
                 hash,
                 kind: Kind::StepNc(Arc::new(program)),
+                parameters,
                 variables: BTreeMap::new(),
             });
         }
@@ -95,6 +102,7 @@ impl Program {
             name,
             hash,
             kind: Kind::Gcode { profile, because },
+            parameters,
             variables: BTreeMap::new(),
         })
     }
@@ -135,6 +143,7 @@ impl Program {
             tables.clone(),
             gcode::Options {
                 variables: self.variables.clone(),
+                parameters: self.parameters.clone(),
                 ..gcode::Options::default()
             },
         )
@@ -213,7 +222,8 @@ fn known_dialect(wanted: &str) -> Result<&'static Profile, Failure> {
     })
 }
 
-fn is_part21(head: &[u8]) -> bool {
+/// True for the first bytes of a Part 21 file.
+pub fn is_part21(head: &[u8]) -> bool {
     let text = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     let text = text.trim_ascii_start();
     text.starts_with(b"ISO-10303-21") || text.starts_with(b"/*")

@@ -9,8 +9,8 @@ use mtconnect::{GapCause, LengthUnit, ReadOptions, Reading, StatedFrame};
 use plan::{Diagnostic, Severity};
 use std::collections::BTreeMap;
 use std::path::Path;
-use store::observations;
-use units::StepId;
+use store::{StoreError, observations};
+use units::{StepId, Timestamp};
 
 /// What a person says about a recording that it may not say itself.
 #[derive(Clone, Debug, Default)]
@@ -45,7 +45,9 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
         if let Ok(table) = store::Table::open(path)
             && store::observations::is_of_observations(&table)
         {
-            let (streams, lost) = observations_of(&table, path)?;
+            let mut gathered = Gathered::default();
+            gathered.add(&table, path)?;
+            let (streams, lost) = gathered.finish();
             let reading = mtconnect::of_observations(&streams, &name, &options_of(said));
             let (mut recording, diagnostics) = recording_of(reading, path, &name, said)?;
             recording.gaps.extend(lost);
@@ -61,6 +63,33 @@ pub fn read(path: &Path, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Fa
         return Ok((of_record(path)?, vec![]));
     }
     recording_of(mtconnect::read(&bytes, &name, &options_of(said)), path, &name, said)
+}
+
+/// Reads what a job of the data directory recorded, all its files as one.
+///
+/// # Errors
+/// There is no such job, or nothing of it can be used.
+pub fn read_job(root: &Path, job: &str, said: &Said) -> Result<(Recording, Vec<Diagnostic>), Failure> {
+    let (files, gone) = crate::commands::trace::record_files(root, job)?;
+    for what in gone {
+        eprintln!("warning: {what}");
+    }
+    let mut gathered = Gathered::default();
+    for file in &files {
+        match store::Table::open(file) {
+            Ok(table) if observations::is_of_observations(&table) => gathered.add(&table, file)?,
+            // The record of a run is one file.
+            Ok(_) | Err(StoreError::NotARecord { .. }) => return read(file, said),
+            Err(error) => return Err(shop::failure(error)),
+        }
+    }
+    let (streams, lost) = gathered.finish();
+    let name = format!("job {job}");
+    let reading = mtconnect::of_observations(&streams, &name, &options_of(said));
+    let (mut recording, diagnostics) = recording_of(reading, Path::new(&name), &name, said)?;
+    recording.gaps.extend(lost);
+    recording.gaps.sort_by_key(|g| g.from);
+    Ok((recording, diagnostics))
 }
 
 fn options_of(said: &Said) -> ReadOptions {
@@ -142,84 +171,119 @@ fn recording_of(reading: Reading, path: &Path, name: &str, said: &Said) -> Resul
     Ok((recording, diagnostics))
 }
 
-/// Observations of a table as a streams document has them, and the gaps among them.
-fn observations_of(table: &store::Table, path: &Path) -> Result<(Streams, Vec<RecordGap>), Failure> {
-    let unreadable = |what: String| Failure::unreadable(format_args!("{}: {what}", path.display()));
-    let mut streams = Streams::default();
-    let mut sources: BTreeMap<Source, usize> = BTreeMap::new();
-    let mut lost: Vec<RecordGap> = Vec::new();
-    let (mut start, mut instance, mut last) = (0u32, None, None);
-    // A gap lasts until the next observation.
-    let mut open: Option<RecordGap> = None;
-    for batch in table.batches().map_err(shop::failure)? {
-        let batch = batch.map_err(shop::failure)?;
-        for row in observations::rows(&batch).map_err(unreadable)? {
-            let [
-                device,
-                device_uuid,
-                component,
-                component_name,
-                component_id,
-                item,
-                name,
-                kind,
-                sub_type,
-                category,
-            ] = row.texts.map(std::borrow::Cow::into_owned);
-            if category == observations::GAP {
-                // An agent that was started anew may even keep its instance id.
-                if kind == "agent-restart" {
-                    start += 1;
-                    instance = None;
-                }
-                open.get_or_insert(RecordGap {
-                    from: last.unwrap_or(row.at),
-                    to: row.at,
-                    cause: format!("the recorder could not have it ({kind})"),
-                });
-                continue;
-            }
-            if instance.is_some_and(|before| before != row.instance) {
-                start += 1;
-            }
-            instance = Some(row.instance);
-            last = Some(row.at);
-            lost.extend(open.take().map(|gap| RecordGap { to: row.at, ..gap }));
-            let source = Source {
-                device,
-                device_uuid,
-                component,
-                name: component_name,
-                id: component_id,
-            };
-            let next = streams.sources.len();
-            let source = *sources.entry(source).or_insert_with_key(|source| {
-                streams.sources.push(source.clone());
-                next
-            });
-            let category = match category.as_str() {
-                "SAMPLE" => Category::Sample,
-                "EVENT" => Category::Event,
-                "CONDITION" => Category::Condition,
-                other => return Err(unreadable(format!("an observation has the category {other}"))),
-            };
-            streams.observations.push(Observation {
-                sequence: row.sequence,
-                instance: start,
-                at: row.at,
-                category,
-                kind,
-                sub_type,
-                item,
-                name,
-                source,
-                value: row.text.map_or(Value::Unavailable, |text| Value::Text(text.into_owned())),
-                place: (0, 0),
-            });
+/// Observations of tables as a streams document has them, and the gaps among them.
+#[derive(Default)]
+struct Gathered {
+    streams: Streams,
+    sources: BTreeMap<Source, usize>,
+    lost: Vec<RecordGap>,
+    /// Starts of the agent.
+    start: u32,
+    instance: Option<u64>,
+    last: Option<Timestamp>,
+    /// A gap lasts until the next observation.
+    open: Option<RecordGap>,
+    /// The number of the next row, where there was one.
+    next_row: Option<u64>,
+}
+
+impl Gathered {
+    /// Adds the next file of a recording.
+    fn add(&mut self, table: &store::Table, path: &Path) -> Result<(), Failure> {
+        let unreadable = |what: String| Failure::unreadable(format_args!("{}: {what}", path.display()));
+        if self.next_row.is_some_and(|next| next != table.first_row())
+            && let Some(last) = self.last
+        {
+            self.open
+                .get_or_insert(gap_from(last, last, "rows of the recording are not there any more"));
         }
+        self.next_row = Some(table.first_row() + table.len());
+        for batch in table.batches().map_err(shop::failure)? {
+            let batch = batch.map_err(shop::failure)?;
+            for row in observations::rows(&batch).map_err(unreadable)? {
+                self.take(row).map_err(unreadable)?;
+            }
+        }
+        Ok(())
     }
-    lost.extend(open);
-    Ok((streams, lost))
+
+    fn take(&mut self, row: observations::Row<'static>) -> Result<(), String> {
+        let [
+            device,
+            device_uuid,
+            component,
+            component_name,
+            component_id,
+            item,
+            name,
+            kind,
+            sub_type,
+            category,
+        ] = row.texts.map(std::borrow::Cow::into_owned);
+        if category == observations::GAP {
+            // An agent that was started anew may even keep its instance id.
+            if kind == "agent-restart" {
+                self.start += 1;
+                self.instance = None;
+            }
+            let why = format!("the recorder could not have it ({kind})");
+            let from = self.last.unwrap_or(row.at);
+            self.open.get_or_insert(gap_from(from, row.at, &why));
+            return Ok(());
+        }
+        if self.instance.is_some_and(|before| before != row.instance) {
+            self.start += 1;
+        }
+        self.instance = Some(row.instance);
+        self.last = Some(row.at);
+        self.lost.extend(self.open.take().map(|gap| RecordGap { to: row.at, ..gap }));
+        let source = Source {
+            device,
+            device_uuid,
+            component,
+            name: component_name,
+            id: component_id,
+        };
+        let streams = &mut self.streams;
+        let next = streams.sources.len();
+        let source = *self.sources.entry(source).or_insert_with_key(|source| {
+            streams.sources.push(source.clone());
+            next
+        });
+        let category = match category.as_str() {
+            "SAMPLE" => Category::Sample,
+            "EVENT" => Category::Event,
+            "CONDITION" => Category::Condition,
+            other => return Err(format!("an observation has the category {other}")),
+        };
+        streams.observations.push(Observation {
+            sequence: row.sequence,
+            instance: self.start,
+            at: row.at,
+            category,
+            kind,
+            sub_type,
+            item,
+            name,
+            source,
+            value: row.text.map_or(Value::Unavailable, |text| Value::Text(text.into_owned())),
+            place: (0, 0),
+        });
+        Ok(())
+    }
+
+    fn finish(mut self) -> (Streams, Vec<RecordGap>) {
+        self.lost.extend(self.open);
+        (self.streams, self.lost)
+    }
+}
+
+fn gap_from(from: Timestamp, to: Timestamp, cause: &str) -> RecordGap {
+    RecordGap {
+        from,
+        to,
+        cause: cause.to_owned(),
+    }
 }
 
 /// Reads a record that we wrote.

@@ -105,6 +105,11 @@ pub fn open_data(root: &Path, common: &Common) -> Result<DataDirectory, Failure>
             continue;
         }
         let last = interrupted.last_event.as_ref().map_or(job.start, ledger::Event::at);
+        let recorded = interrupted.recovery.as_ref().filter(|_| interrupted.is_recording);
+        let recorded = recorded
+            .and_then(|recovery| recovery.last_us)
+            .map(|us| Timestamp(us.saturating_mul(1000)));
+        let last = recorded.map_or(last, |recorded| last.max(recorded));
         // Said once: from here on the job is over.
         directory.end_job(job.id, last, Ending::Interrupted).map_err(failure)?;
     }
@@ -119,7 +124,12 @@ pub fn retain(directory: &mut DataDirectory, machine: &MachineFile, now: Timesta
     let retained = directory.retain(&machine.retention, now).map_err(failure)?;
     for removal in &retained.removed {
         let (path, why) = (removal.record.path.display(), &removal.why);
-        notice(&format!("{path} was removed, {why}; what its rows came to is kept"));
+        let left = if directory.rollup_path(&removal.record).exists() {
+            "what its rows came to is kept"
+        } else {
+            "a recording of observations has no roll-up: its catalogue row is what is left of it"
+        };
+        notice(&format!("{path} was removed, {why}; {left}"));
     }
     for (record, why) in &retained.left {
         let path = record.path.display();

@@ -74,7 +74,7 @@ fn a_program_that_cannot_be_run_is_named_with_its_line() {
         ("G1 Z0.", "6:4: a cutting move without a feed"),
         ("G1 Z0. F-100.", "a feed cannot be negative"),
         ("G0 XNaN", "6:4: expected a number behind X"),
-        ("G0 X[1/0]", "division by 0"),
+        ("G0 X[1/0]", "6:7: 1 divided by 0"),
         ("M98 P1000", "there is no program O1000"),
     ];
     let shop = Shop::new();

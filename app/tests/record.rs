@@ -216,6 +216,27 @@ fn ten_cuts_of_the_network_and_garbage_cost_nothing() {
 }
 
 #[test]
+fn answers_that_are_cut_in_the_middle_are_asked_for_again() {
+    // The device model twice, then the newest values: in the head, in the document, one byte before its end.
+    let script = Script {
+        answer_cuts: vec![20, 150, usize::MAX, 10, usize::MAX, 700],
+        ..Script::at_speed(100.0)
+    };
+    let told = check_identical(&own_recording(), script);
+    assert!(told["reconnects"].as_u64() >= Some(3), "{told}");
+}
+
+#[test]
+fn a_slow_agent_is_waited_for() {
+    let script = Script {
+        slow: Some((997, Duration::from_millis(3))),
+        ..Script::at_speed(100.0)
+    };
+    let told = check_identical(&own_recording(), script);
+    assert_eq!(told["reconnects"], 0, "{told}");
+}
+
+#[test]
 fn a_whole_recording_at_a_hundred_times_its_speed_comes_out_identical() {
     let Some(moldy) = moldy() else { return };
     let told = check_identical(&moldy, Script::at_speed(100.0));

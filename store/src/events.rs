@@ -5,7 +5,7 @@
 //! wrong.
 
 use crate::{DataDirectory, JobId, StoreError};
-use ledger::{Chain, Change, ChangeRequest, Event, Hash};
+use ledger::{Chain, Change, ChangeRequest, Event, Hash, ProgramLine};
 use rusqlite::{Connection, OptionalExtension, Row, TransactionBehavior, params};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -38,6 +38,9 @@ impl fmt::Display for Log {
     }
 }
 
+/// What an event of a job changes elsewhere.
+pub(crate) type Effect<'a> = dyn FnMut(&Connection, &mut Chain, &Event) -> Result<(), StoreError> + 'a;
+
 impl DataDirectory {
     /// Changes one process value: the value and its event, in one transaction. When this returns, both are on disk.
     ///
@@ -63,7 +66,7 @@ impl DataDirectory {
         let mut chain = end_of(&transaction, Log::Directory).map_err(&failed)??;
         let mut changes = Vec::with_capacity(requests.len());
         for request in requests {
-            let change = apply_change(&transaction, &mut chain, request, &failed, &mut || {})?;
+            let change = apply_change(&transaction, &mut chain, (request, None), &failed, &mut || {})?;
             changes.push(change);
         }
         transaction.commit().map_err(&failed)?;
@@ -108,6 +111,12 @@ impl DataDirectory {
     /// # Errors
     /// They do not continue what is kept of this job, the job is not running, or the disk refuses.
     pub fn append_job_events(&mut self, job: JobId, events: &[Event]) -> Result<(), StoreError> {
+        self.append_events_with(job, events, &mut |_, _, _| Ok(()))
+    }
+
+    /// [`DataDirectory::append_job_events`], with what an event changes elsewhere: `effect` is called behind each event, in the same
+    /// transaction, with the end of the directory's own chain.
+    pub(crate) fn append_events_with(&mut self, job: JobId, events: &[Event], effect: &mut Effect<'_>) -> Result<(), StoreError> {
         self.running_job(job)?;
         let failed = self.failed();
         let log = Log::Job(job);
@@ -117,9 +126,11 @@ impl DataDirectory {
             .transaction_with_behavior(TransactionBehavior::Immediate)
             .map_err(&failed)?;
         let mut chain = end_of(&transaction, log).map_err(&failed)??;
+        let mut directory = end_of(&transaction, Log::Directory).map_err(&failed)??;
         for event in events {
             chain.follow(event).map_err(|broken| StoreError::Broken { log, broken })?;
             insert_event(&transaction, log, event).map_err(&failed)?;
+            effect(&transaction, &mut directory, event)?;
         }
         transaction.commit().map_err(&failed)
     }
@@ -184,11 +195,12 @@ impl DataDirectory {
     }
 }
 
-/// Changes one value within a transaction; `between` is called when its event is written and the value is not.
+/// Changes one value within a transaction, for a person or for a line of a program; `between` is called when its event is written and
+/// the value is not.
 pub(crate) fn apply_change(
     connection: &Connection,
     chain: &mut Chain,
-    request: &ChangeRequest,
+    (request, by_program): (&ChangeRequest, Option<&ProgramLine>),
     failed: &dyn Fn(rusqlite::Error) -> StoreError,
     between: &mut dyn FnMut(),
 ) -> Result<Change, StoreError> {
@@ -197,7 +209,10 @@ pub(crate) fn apply_change(
     if let Some(value) = read_value(connection, &request.path).map_err(failed)? {
         values.insert(request.path.clone(), value);
     }
-    let change = ledger::change(&mut values, chain, request)?;
+    let change = match by_program {
+        None => ledger::change(&mut values, chain, request)?,
+        Some(line) => ledger::change_by_program(&mut values, chain, request, line)?,
+    };
     insert_event(connection, Log::Directory, &change.event).map_err(failed)?;
     between();
     for (path, value) in &values {
@@ -212,7 +227,7 @@ pub(crate) fn apply_change(
     Ok(change)
 }
 
-fn read_value(connection: &Connection, path: &str) -> rusqlite::Result<Option<f64>> {
+pub(crate) fn read_value(connection: &Connection, path: &str) -> rusqlite::Result<Option<f64>> {
     connection
         .prepare_cached("SELECT value FROM registers WHERE path = ?1")?
         .query_row([path], |row| row.get(0))

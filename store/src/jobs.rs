@@ -111,6 +111,8 @@ pub struct Job {
 pub struct Interrupted {
     /// The job.
     pub job: Job,
+    /// True for the recording of an agent, false for the run of a program.
+    pub is_recording: bool,
     /// The last thing that was kept of it.
     pub last_event: Option<Event>,
     /// The last program step that an event of it names by `step`.
@@ -162,6 +164,9 @@ impl fmt::Display for Interrupted {
         }
         for path in &self.unfinished {
             write!(f, "; {} is unfinished", path.display())?;
+        }
+        if self.is_recording {
+            return write!(f, ". toolmark record of the same agent goes on where it was");
         }
         write!(
             f,
@@ -282,6 +287,7 @@ impl DataDirectory {
                 uncatalogued: (record.exists() && !known).then_some(record),
                 recovery: None,
                 not_recovered: None,
+                is_recording: self.recorded_by(job.id)?.is_some(),
                 job,
             })
         })

@@ -10,6 +10,7 @@
 //! to over an hour or a month; [`DataDirectory::range`] for the rows of a moment; [`Retention`] for what is removed by age;
 //! [`trajectory`] for planned set-points; [`machine_file`] for `machine.toml`; [`registers`] for the paths of offsets.
 
+mod agent_recording;
 pub mod backup;
 mod catalogue;
 mod directory;
@@ -30,6 +31,7 @@ mod schema;
 pub mod segment;
 mod server_notice;
 pub mod sizing;
+mod sizing_verified;
 mod sources;
 mod table;
 pub mod trajectory;
@@ -38,6 +40,7 @@ mod verify;
 mod wal;
 mod whole_file;
 
+pub use agent_recording::{NewRecording, Part, Recorded, part_of};
 pub use catalogue::CatalogueRow;
 pub use directory::{DataDirectory, data_directory_path};
 pub use error::StoreError;

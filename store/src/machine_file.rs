@@ -25,6 +25,8 @@ pub struct MachineFile {
     pub kind: MachineKind,
     /// What G-code it reads; `None` when each program shows it by its own look.
     pub control: Option<Control>,
+    /// Parameters of the control that decide how its programs are read, by number, or number and bit: `6001.5`, T calls O9000.
+    pub control_parameters: BTreeMap<String, f64>,
     /// Who moves its axes.
     pub driver: Driver,
     /// Its axes, by [`Axis::index`]; a lathe may have no Y.
@@ -217,6 +219,8 @@ struct Text {
     name: Spanned<String>,
     kind: Spanned<MachineKind>,
     control: Option<Control>,
+    #[serde(default)]
+    control_parameters: BTreeMap<Spanned<String>, Finite>,
     driver: Driver,
     tool_change_s: NotNegative,
     axes: AxesText,
@@ -374,10 +378,32 @@ impl Text {
             }
             work_offsets.insert(name.into_inner(), [offset.x_mm.0, offset.y_mm.0, offset.z_mm.0]);
         }
+        let mut control_parameters = BTreeMap::new();
+        for (key, value) in self.control_parameters {
+            let (number, bit) = key.get_ref().split_once('.').unwrap_or((key.get_ref(), "0"));
+            let digits = |text: &str, most: usize| (1..=most).contains(&text.len()) && text.bytes().all(|b| b.is_ascii_digit());
+            if !digits(number, 5) || !matches!(bit.as_bytes(), [b'0'..=b'7']) {
+                return Err((
+                    key.span().start,
+                    format!(
+                        "control parameter {:?}: a number such as \"6050\", or number and bit such as \"6001.5\", is needed",
+                        key.get_ref()
+                    ),
+                ));
+            }
+            if key.get_ref().contains('.') && value.0 != 0.0 && value.0 != 1.0 {
+                return Err((
+                    key.span().start,
+                    format!("bit {} holds 0 or 1, not {}", key.get_ref(), value.0),
+                ));
+            }
+            control_parameters.insert(key.into_inner(), value.0);
+        }
         Ok(MachineFile {
             name,
             kind,
             control: self.control,
+            control_parameters,
             driver: self.driver,
             axes: [
                 Some(checked_axis(Axis::X, self.axes.x)?),

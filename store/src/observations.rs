@@ -51,6 +51,35 @@ pub struct Row<'a> {
     pub attributes: Option<Cow<'a, str>>,
 }
 
+/// How far a recording of an agent is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reached {
+    /// Which start of the agent: its `instanceId`.
+    pub instance: u64,
+    /// The sequence number to ask for next.
+    pub next: u64,
+    /// Time of the last observation recorded.
+    pub last: Option<Timestamp>,
+}
+
+impl Reached {
+    /// Where a recording goes on behind a row.
+    pub fn after(row: &Row<'_>) -> Reached {
+        // A gap's row has the first missing number; how far it goes is in its text. To an unknown end: the agent was started anew.
+        let to = row.text.as_deref().filter(|_| row.texts[9] == GAP);
+        let to = to.and_then(|text| serde_json::from_str::<serde_json::Value>(text).ok());
+        let next = match to {
+            Some(said) => said["to_sequence"].as_u64().map_or(row.sequence, |to| to + 1),
+            None => row.sequence + 1,
+        };
+        Reached {
+            instance: row.instance,
+            next,
+            last: Some(row.at),
+        }
+    }
+}
+
 /// The columns.
 pub fn layout() -> Layout {
     let mut columns = vec![

@@ -49,15 +49,15 @@ pub(crate) fn open(path: &Path, migrations: &[&str]) -> Result<Connection, Store
 }
 
 fn migrate(connection: &mut Connection, found: i64, migrations: &[&str]) -> rusqlite::Result<()> {
-    for (done, step) in migrations.iter().enumerate().skip(found.max(0) as usize) {
-        // One transaction a step, the version number inside it: killed at any moment, the file has the old version or the new one.
-        let transaction = connection.transaction()?;
+    // One transaction, the version number inside it: killed at any moment, the file has the old version or the new one, and one that
+    // is made has never a version in between that the next start would copy.
+    let transaction = connection.transaction()?;
+    for step in migrations.iter().skip(found.max(0) as usize) {
         transaction.execute_batch(step)?;
-        transaction.pragma_update(None, "user_version", done as i64 + 1)?;
-        transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
-        transaction.commit()?;
     }
-    Ok(())
+    transaction.pragma_update(None, "user_version", migrations.len() as i64)?;
+    transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
+    transaction.commit()
 }
 
 /// Opens the database at `path` to be read, without a change to its file. An older one is migrated in memory.

@@ -79,6 +79,7 @@ impl DataDirectory {
         let id = self.in_transaction(|transaction, chain| {
             let detail = BTreeMap::from([
                 ("machine".to_owned(), Value::from(new.machine.as_str())),
+                ("diameters".to_owned(), Value::from(new.diameters.as_str())),
                 ("name".to_owned(), Value::from(new.name.as_str())),
                 (
                     "text_sha256".to_owned(),
@@ -139,8 +140,9 @@ impl DataDirectory {
         written(Written::Nothing);
         let mut change = None;
         let mut detail = new.detail.clone();
+        detail.insert("job".to_owned(), new.job.into());
         if let Some(request) = new.change {
-            let made = apply_change(&transaction, &mut chain, request, &failed, &mut || {
+            let made = apply_change(&transaction, &mut chain, (request, None), &failed, &mut || {
                 written(Written::ChangeEvent)
             })?;
             written(Written::Register);

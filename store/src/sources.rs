@@ -8,6 +8,7 @@ use crate::rollup::{self, Rollup};
 use crate::{DataDirectory, JobId, StoreError, segment, whole_file};
 use arrow_array::RecordBatch;
 use arrow_schema::SchemaRef;
+use rusqlite::OptionalExtension;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -326,8 +327,19 @@ impl DataDirectory {
                 Err(StoreError::NotARecord { .. }) => Ok(None),
                 Err(error) => Err(error),
             },
+            // It had none when its rows were removed.
+            (Err(error), Raw::Gone) if is_mendable(&error) && self.was_removed_without_rollup(record)? => Ok(None),
             (Err(error), _) => Err(error),
         }
+    }
+
+    fn was_removed_without_rollup(&self, record: &CatalogueRow) -> Result<bool, StoreError> {
+        let asked: Option<Option<String>> = self
+            .database
+            .prepare_cached("SELECT rollup_sha256 FROM removals WHERE record = ?1")
+            .and_then(|mut rows| rows.query_row([record.sequence as i64], |row| row.get(0)).optional())
+            .map_err(self.failed())?;
+        Ok(asked == Some(None))
     }
 }
 

@@ -191,6 +191,18 @@ impl Table {
     pub fn schema(&self) -> &SchemaRef {
         self.arrow.schema()
     }
+    /// The hash of the file.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn hash(&self) -> Result<Hash, StoreError> {
+        crate::whole_file::hash_of_file(&self.path)
+    }
+    /// The number of its first row in a recording of several files.
+    pub fn first_row(&self) -> u64 {
+        let said = self.metadata.get(crate::segment::FIRST_ROW);
+        said.and_then(|n| n.parse().ok()).unwrap_or(0)
+    }
     /// The number of rows.
     pub fn len(&self) -> u64 {
         self.rows

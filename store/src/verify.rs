@@ -7,6 +7,7 @@
 use crate::directory::DATABASE;
 use crate::events::end_of;
 use crate::retention_verified::ToldOfRetention;
+use crate::sizing_verified::ToldOfSizing;
 use crate::{
     DataDirectory, JobId, JobState, Log, StoreError, Table, backup, catalogue, kept, schema, segment, server_notice, whole_file,
 };
@@ -70,6 +71,8 @@ const CHECKED: &[&str] = &[
     "records",
     "registers",
     "removals",
+    "sizing_entries",
+    "sizing_jobs",
     "sqlite_sequence",
 ];
 
@@ -82,6 +85,7 @@ struct Told {
     ended: BTreeMap<i64, JobEnd>,
     files: BTreeMap<String, kept::KeptFile>,
     retention: ToldOfRetention,
+    sizing: ToldOfSizing,
 }
 
 struct JobEnd {
@@ -163,7 +167,8 @@ impl DataDirectory {
         self.verify_values(told, done)?;
         self.verify_jobs(told, done)?;
         self.verify_records(told, done)?;
-        self.verify_retention(&told.retention, &mut done.findings)
+        self.verify_retention(&told.retention, &mut done.findings)?;
+        self.verify_sizing(&told.sizing, &mut done.findings)
     }
 
     /// SQLite's own check: pages, their order, indexes, types, constraints.
@@ -603,6 +608,7 @@ impl Told {
         let detail = &event.detail;
         let text = |name: &str| detail.get(name).and_then(Value::as_str);
         self.retention.hear(event);
+        self.sizing.hear(event);
         match event.kind.as_str() {
             "change" => {
                 if let (Some(path), Some(after)) = (text("path"), detail.get("after").and_then(Value::as_f64)) {

@@ -177,6 +177,7 @@ fn a_recording_killed_at_any_moment_has_every_acknowledged_row_once() {
     println!("SEED={seed} KILLS={times}");
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let (mut whole, mut recovered, mut looked_at) = (0, 0, 0);
+    let beside = tempfile::tempdir().expect("a folder");
     // On a busy machine the child may get nowhere in that time: a few more, with patience.
     for kill in 1..=times + 5 {
         if kill > times && whole > 0 && recovered > 0 {
@@ -188,7 +189,7 @@ fn a_recording_killed_at_any_moment_has_every_acknowledged_row_once() {
 
         // Half of the time the recovery is left to the next child, and may be killed as well.
         if random.next_u32() % 2 == 0 && kill < times {
-            promised(&acknowledged, folder.path());
+            promised(&acknowledged, beside.path());
             continue;
         }
         let mut directory = DataDirectory::open(folder.path(), "the test").expect("the killed one's lock is free");
@@ -201,7 +202,7 @@ fn a_recording_killed_at_any_moment_has_every_acknowledged_row_once() {
             recovered += usize::from(found.recovery.as_ref().is_some_and(|r| r.rows > 0));
             directory.end_job(job, START, Ending::Interrupted).expect("ends");
         }
-        promised(&acknowledged, folder.path());
+        promised(&acknowledged, beside.path());
         let mut of_job = BTreeMap::new();
         for row in directory.records().expect("reads") {
             assert_eq!(
@@ -213,7 +214,7 @@ fn a_recording_killed_at_any_moment_has_every_acknowledged_row_once() {
             if row.sequence > looked_at {
                 assert_eq!(check_record(&row.path, row.job), row.rows);
                 whole += 1;
-                let safe = read_promise(folder.path(), row.job.0);
+                let safe = read_promise(beside.path(), row.job.0);
                 assert!(
                     row.rows >= safe,
                     "job {}: {safe} rows were acknowledged, {} are there",
@@ -224,7 +225,7 @@ fn a_recording_killed_at_any_moment_has_every_acknowledged_row_once() {
             }
         }
         for job in directory.jobs().expect("reads") {
-            let safe = read_promise(folder.path(), job.id.0);
+            let safe = read_promise(beside.path(), job.id.0);
             assert!(
                 safe == 0 || of_job.contains_key(&job.id),
                 "job {}: {safe} rows were acknowledged, no record",
@@ -242,14 +243,14 @@ fn a_recording_killed_at_any_moment_has_every_acknowledged_row_once() {
     );
 }
 
-/// What a child was told is kept beside its data, so that it can be checked after later kills.
-fn promised(acknowledged: &BTreeMap<i64, u64>, folder: &Path) {
+/// What a child was told is kept in a folder of its own, so that it can be checked after later kills.
+fn promised(acknowledged: &BTreeMap<i64, u64>, beside: &Path) {
     for (job, rows) in acknowledged {
-        std::fs::write(folder.join(format!("promised-{job}")), rows.to_string()).expect("written");
+        std::fs::write(beside.join(format!("promised-{job}")), rows.to_string()).expect("written");
     }
 }
 
-fn read_promise(folder: &Path, job: i64) -> u64 {
-    let text = std::fs::read_to_string(folder.join(format!("promised-{job}"))).unwrap_or_default();
+fn read_promise(beside: &Path, job: i64) -> u64 {
+    let text = std::fs::read_to_string(beside.join(format!("promised-{job}"))).unwrap_or_default();
     text.parse().unwrap_or(0)
 }

@@ -1,13 +1,14 @@
 //! The recorder: what is acknowledged is on disk, the sampling side never waits on a machine, and what is lost is counted.
 
+use ledger::Hash;
 use machine::Sample;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
-use store::StoreError;
 use store::record::{Header, Reader, SampleRows, Writer};
 use store::segment::trouble::TroubledDisk;
 use store::segment::{self, Cause, Condition, Merged, Notice, Offered, Pace, Recorder, Settings, Watch};
+use store::{DataDirectory, Ending, NewJob, StoreError};
 use units::{Tick, Timestamp};
 
 fn header() -> Header {
@@ -287,4 +288,43 @@ fn a_row_that_cannot_be_kept_is_a_gap_and_the_rest_goes_on() {
     assert_eq!(ticks_of(&target), [0, 1, 2, 3]);
     assert_eq!(merged.gaps.len(), 1);
     assert_eq!((merged.gaps[0].from, merged.gaps[0].cause), (u64::MAX, Cause::Unreadable));
+}
+
+#[test]
+fn a_record_that_was_whole_before_its_catalogue_row_is_catalogued_where_it_stands() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let begin_and_merge = || {
+        let mut directory = DataDirectory::open(folder.path(), "test").expect("free");
+        let new = NewJob {
+            program: "part.nc",
+            program_hash: Hash::of(b"G0 X0"),
+            machine: &header().machine,
+            seed: header().seed,
+            start: header().start,
+            folder: Some(&folder.path().join("jobs/out")),
+            who: "Maria",
+        };
+        let job = directory.begin_job(&new).expect("begins");
+        let recording = directory.recording_folder(job.id);
+        let mut recorder = begin(&recording, &Settings::new(Pace::Simulated));
+        // Rows of the first and the second job differ, as those of two killed runs do.
+        for tick in 0..1000 * job.id.0 as u64 {
+            assert_eq!(recorder.offer(&sample(tick)), Offered::Taken);
+        }
+        recorder.end().expect("ended");
+        let target = job.folder.join("record.parquet");
+        segment::merge(&recording, &target, &[], &[]).expect("merged");
+        (job.id, target)
+    };
+    for rows in [1000, 2000] {
+        // Here the process dies: the file is whole, the catalogue does not know it.
+        let (job, target) = begin_and_merge();
+        let mut directory = DataDirectory::open(folder.path(), "test").expect("free");
+        let recovery = directory.recover(job).expect("recovers").expect("a recording");
+        assert_eq!((recovery.record, recovery.rows), (Some(target.clone()), rows));
+        assert_eq!(directory.recover(job).expect("done"), None);
+        directory.end_job(job, header().start, Ending::Interrupted).expect("ends");
+        assert_eq!(directory.verify().expect("verifies"), []);
+        assert_eq!(ticks_of(&target).len() as u64, rows);
+    }
 }

@@ -91,6 +91,8 @@ const TABLES: &[(&str, &str)] = &[
     ("registers", "(table registers)"),
     ("records", "(table records)"),
     ("removals", "(table removals)"),
+    ("sizing_entries", "(table sizing_entries)"),
+    ("sizing_jobs", "(table sizing_jobs)"),
     ("sqlite_sequence", "(table sqlite_sequence)"),
 ];
 
@@ -135,7 +137,9 @@ fn a_change_in_any_cell_of_any_table_is_found_and_its_table_is_named() {
                     (Value::Text(t), "detail") => Value::Text(t.replacen(':', ": ", 1)),
                     (Value::Text(t), "state") if t == "removed" => Value::Text("marked".to_owned()),
                     (Value::Text(t), "state") => Value::Text(if t == "done" { "failed" } else { "done" }.to_owned()),
-                    (Value::Text(t), _) => Value::Text(format!("{}x", &t[..t.len() - 1])),
+                    (Value::Text(t), _) => {
+                        Value::Text(format!("{}{}", &t[..t.len() - 1], if t.ends_with('x') { 'y' } else { 'x' }))
+                    }
                     (Value::Blob(_), _) => unreachable!("no table holds a blob"),
                 };
                 let key = strings(&format!(

@@ -4,6 +4,7 @@ use super::{Done, print_json, tolerance};
 use crate::cli::{Common, DisplayUnits, PlacementName, RebuildArgs};
 use crate::execution::as_executed;
 use crate::failure::{Exit, Failure};
+use crate::printed::Printed;
 use crate::program::{Program, machine_for, named_machine};
 use crate::recording::{self, Said};
 use crate::report::{self, Page};
@@ -35,7 +36,14 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         units: (common.units == Some(DisplayUnits::Inch)).then_some(DisplayUnits::Inch),
         device: args.device.clone(),
     };
-    let (record, found) = recording::read(record_file, &said)?;
+    // A job of the data directory, unless there is a file of that name.
+    let job = record_file
+        .to_str()
+        .filter(|name| *name == "last" || name.parse::<u32>().is_ok());
+    let (record, found) = match job.filter(|_| !record_file.exists()) {
+        Some(job) => recording::read_job(&shop::data_path(common)?, job, &said)?,
+        None => recording::read(record_file, &said)?,
+    };
     for diagnostic in found.iter().filter(|d| d.severity != Severity::Remark) {
         eprintln!("{diagnostic}");
     }
@@ -80,6 +88,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         std::fs::create_dir_all(folder).map_err(|e| Failure::writing(folder, e))?;
         let name = program.as_ref().map_or("", |p| p.name.as_str());
         let page = Page {
+            printed: &Printed::default(),
             program: name,
             machine: &record.source,
             ended: None,

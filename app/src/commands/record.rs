@@ -1,4 +1,4 @@
-//! `toolmark record`: what an MTConnect agent tells, into a file that is never more than a moment behind.
+//! `toolmark record`: what an MTConnect agent tells, into a file or the data directory, never more than a moment behind.
 
 use super::{Done, print_json};
 use crate::cli::{Common, RecordArgs};
@@ -6,17 +6,19 @@ use crate::failure::{Exit, Failure};
 use crate::recorder::Sink;
 use crate::recorder::observations::ObservationsSink;
 use crate::recorder::session::{self, Ended};
+use crate::recorder::store::{StoreSink, Wanted};
 use crate::recorder::text::TextSink;
-use crate::{clock, say};
+use crate::{clock, program, say, shop};
 use mtconnect::client::gap::Gap;
 use mtconnect::client::query::Query;
 use mtconnect::client::session::Client;
 use plan::{Diagnostic, Severity};
 use serde_json::{Value, json};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
+use store::{JobId, Recorded};
 
 /// Runs the command.
 ///
@@ -42,7 +44,9 @@ pub fn record(args: &RecordArgs, common: &Common) -> Done {
     let stop = stopped_by_signals()?;
     let source = format!("agent {}{}", query.authority(), query.device);
     let host = (query.host.clone(), query.port);
-    let out = &args.out;
+    let Some(out) = &args.out else {
+        return into_data_directory(query, &source, duration, &stop, args, common);
+    };
     let (mut text, mut observations);
     let sink: &mut dyn Sink = match ending_of(out) {
         "txt" => {
@@ -62,7 +66,58 @@ pub fn record(args: &RecordArgs, common: &Common) -> Done {
     };
     let client = Client::new(query, sink.kept());
     let ended = session::record(client, (&host.0, host.1), sink, duration, &stop)?;
-    report(&ended, sink, &source, out, common)
+    let lost = "the last observations are not in the file; make space and record again into the same file";
+    report(&ended, sink, &source, &Place::File(out), lost, common)
+}
+
+/// Where it was recorded to.
+enum Place<'a> {
+    File(&'a Path),
+    Job(Option<JobId>, Vec<PathBuf>),
+}
+
+fn into_data_directory(
+    query: Query,
+    source: &str,
+    duration: Option<Duration>,
+    stop: &Arc<AtomicBool>,
+    args: &RecordArgs,
+    common: &Common,
+) -> Done {
+    let machine = program::machine_for(&common.machine, false)?;
+    let mut directory = shop::data_directory(common)?;
+    shop::retain(&mut directory, &machine, clock::start_time(common.start.as_deref())?)?;
+    let wanted = Wanted {
+        of: Recorded {
+            source: source.to_owned(),
+            items: query.path.clone().unwrap_or_default(),
+        },
+        device: Some(query.device.trim_matches('/').to_owned()).filter(|device| !device.is_empty()),
+        who: shop::operator(common),
+        machine,
+        rows_of_a_file: args.file_rows,
+    };
+    let mut sink = StoreSink::open(directory, wanted)?;
+    if let Some((job, reached)) = sink.from() {
+        shop::notice(&format!(
+            "{source} was recorded by job {job} up to sequence {} of instance {}: it goes on there",
+            reached.next.saturating_sub(1),
+            reached.instance
+        ));
+    }
+    let host = (query.host.clone(), query.port);
+    let client = Client::new(query, sink.kept());
+    let ended = session::record(client, (&host.0, host.1), &mut sink, duration, stop);
+    let ended = match ended {
+        Ok(ended) => ended,
+        Err(failure) => {
+            sink.fail();
+            return Err(failure);
+        }
+    };
+    let place = Place::Job(sink.job(), sink.files().to_vec());
+    let lost = "what was acknowledged is in the data directory; make space, and the next toolmark record of the same agent goes on behind it";
+    report(&ended, &sink, source, &place, lost, common)
 }
 
 fn ending_of(path: &Path) -> &str {
@@ -82,16 +137,22 @@ fn stopped_by_signals() -> Result<Arc<AtomicBool>, Failure> {
     Ok(stop)
 }
 
-fn report(ended: &Ended, sink: &dyn Sink, source: &str, out: &Path, common: &Common) -> Done {
+fn report(ended: &Ended, sink: &dyn Sink, source: &str, place: &Place<'_>, lost: &str, common: &Common) -> Done {
     let (counters, tally) = (&ended.counters, sink.tally());
     let odd: Vec<&Diagnostic> = ended.diagnostics.iter().chain(sink.remarks()).collect();
     for found in odd.iter().filter(|d| d.severity != Severity::Remark) {
         eprintln!("{found}");
     }
     if common.json {
+        let (file, job, files) = match place {
+            Place::File(out) => (Some(out.display().to_string()), None, None),
+            Place::Job(job, files) => (None, job.map(|job| job.0), Some(files)),
+        };
         print_json(&json!({
             "source": source,
-            "file": out.display().to_string(),
+            "file": file,
+            "job": job,
+            "files": files,
             "observations": tally.observations,
             "bytes": tally.bytes,
             "first_sequence": tally.first_sequence,
@@ -126,13 +187,18 @@ fn report(ended: &Ended, sink: &dyn Sink, source: &str, out: &Path, common: &Com
                 gap.cause.word()
             ));
         }
-        say(&format!("file: {}", out.display()));
+        match place {
+            Place::File(out) => say(&format!("file: {}", out.display())),
+            Place::Job(None, _) => say("the agent told nothing new: there is no job"),
+            Place::Job(Some(job), files) => {
+                say(&format!("job {job}: toolmark trace show {job}"));
+                files.iter().for_each(|file| say(&format!("file: {}", file.display())));
+            }
+        }
     }
     match &ended.unwritten {
         None => Ok(Exit::Good),
-        Some(why) => Err(Failure::machine(format_args!(
-            "{why}: the last observations are not in the file; make space and record again into the same file"
-        ))),
+        Some(why) => Err(Failure::machine(format_args!("{why}: {lost}"))),
     }
 }
 

@@ -87,6 +87,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             "folder": done.folder,
             "checks": all,
             "report": done.rebuild.report,
+            "printed": done.printed.lines,
         }))?;
     } else {
         say(&format!(
@@ -101,6 +102,9 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             say(&format!("warning: the record has a gap: {gap}"));
         }
         report::print(&done.rebuild.report, common.units.unwrap_or_default());
+        for line in &done.printed.lines {
+            say(&format!("  printed: {line}"));
+        }
         let folder = done.folder.display();
         say(&format!(
             "files: {folder}/as-executed.stpnc, report.html, report.json, record.parquet"

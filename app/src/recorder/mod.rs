@@ -4,7 +4,9 @@
 //! has by then is a gap in the recording like any other.
 
 pub mod observations;
+pub mod segments;
 pub mod session;
+pub mod store;
 pub mod text;
 
 use mtconnect::client::document::Told;
@@ -21,6 +23,16 @@ pub enum Refused {
     Disk(String),
     /// There is no use in trying again.
     Never(crate::failure::Failure),
+}
+
+impl Refused {
+    /// As the end of a command.
+    pub fn into_failure(self) -> crate::failure::Failure {
+        match self {
+            Refused::Disk(why) => crate::failure::Failure::machine(why),
+            Refused::Never(failure) => failure,
+        }
+    }
 }
 
 /// Takes observations and keeps them.

@@ -6,6 +6,7 @@ pub mod plot;
 use crate::cli::DisplayUnits;
 use crate::failure::Failure;
 use crate::files;
+use crate::printed::Printed;
 use crate::say;
 use asrun::{Report, ToleranceSource, Verdict, WorkingstepReport};
 use std::path::Path;
@@ -23,6 +24,17 @@ pub struct Page<'a> {
     pub provenance: Vec<(String, String)>,
     /// The numbers.
     pub report: &'a Report,
+    /// What the program printed while it ran, and its names of variables.
+    pub printed: &'a Printed,
+}
+
+/// `report.json`.
+#[derive(serde::Serialize)]
+struct Told<'a> {
+    #[serde(flatten)]
+    report: &'a Report,
+    #[serde(flatten)]
+    printed: &'a Printed,
 }
 
 /// Writes `report.html` and `report.json` into a folder.
@@ -30,8 +42,11 @@ pub struct Page<'a> {
 /// # Errors
 /// A file cannot be written.
 pub fn write(page: &Page<'_>, folder: &Path) -> Result<(), Failure> {
-    let json =
-        serde_json::to_vec_pretty(page.report).map_err(|e| Failure::machine(format_args!("the report is no JSON: {e}")))?;
+    let told = Told {
+        report: page.report,
+        printed: page.printed,
+    };
+    let json = serde_json::to_vec_pretty(&told).map_err(|e| Failure::machine(format_args!("the report is no JSON: {e}")))?;
     files::write(&folder.join("report.json"), &json)?;
     files::write(&folder.join("report.html"), page::html(page).as_bytes())
 }

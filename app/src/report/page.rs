@@ -21,6 +21,7 @@ pub fn html(page: &Page<'_>) -> String {
     for w in &report.workingsteps {
         workingstep(&mut out, w);
     }
+    printed(&mut out, page);
     proof(&mut out, page);
     frame(&title, &out)
 }
@@ -93,6 +94,17 @@ fn findings(out: &mut String, report: &Report) {
         let _ = write!(out, "<li>{}</li>", escape(finding));
     }
     out.push_str("</ul>");
+}
+
+fn printed(out: &mut String, page: &Page<'_>) {
+    if page.printed.lines.is_empty() {
+        return;
+    }
+    let lines = escape(&page.printed.lines.join("\n"));
+    let _ = write!(
+        out,
+        "<h2>Printed by the program</h2><div class='wide'><pre>{lines}</pre></div>"
+    );
 }
 
 fn table(out: &mut String, report: &Report) {

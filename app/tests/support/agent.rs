@@ -1,6 +1,8 @@
 //! An agent that replays a recording over real sockets: its observations at their times, a bounded buffer, streams with heartbeats, and
 //! faults as a script wants them.
 
+#![allow(dead_code, reason = "each test file uses a part of it")]
+
 use mtconnect::streams::{Category, Streams, Value, read_streams};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -27,6 +29,10 @@ pub struct Script {
     pub garbage: Vec<&'static [u8]>,
     /// When so many observations have happened the agent is started anew: it begins at 1 with the next.
     pub restart_at: Option<usize>,
+    /// The n-th answer that is no stream is cut after so many bytes, and the connection with it.
+    pub answer_cuts: Vec<usize>,
+    /// A line that carries so many bytes, then pauses.
+    pub slow: Option<(usize, Duration)>,
     /// Nobody is answered while so many observations have happened: from, to.
     pub offline: Option<(usize, usize)>,
 }
@@ -42,6 +48,8 @@ impl Script {
             garbage: vec![],
             restart_at: None,
             offline: None,
+            answer_cuts: vec![],
+            slow: None,
         }
     }
 }
@@ -60,6 +68,7 @@ struct Shared {
     began: Mutex<Option<Instant>>,
     over: AtomicBool,
     streaming: AtomicUsize,
+    answers: AtomicUsize,
     log: Mutex<Vec<String>>,
 }
 
@@ -89,6 +98,7 @@ impl Agent {
             began: Mutex::new(None),
             over: AtomicBool::new(false),
             streaming: AtomicUsize::new(0),
+            answers: AtomicUsize::new(0),
             log: Mutex::new(vec![]),
         });
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
@@ -172,6 +182,7 @@ impl Shared {
         let mut out = Out {
             stream,
             left: usize::MAX,
+            slow: self.script.slow,
         };
         loop {
             let mut line = String::new();
@@ -191,6 +202,10 @@ impl Shared {
             let (what, query) = target.split_once('?').unwrap_or((&target, ""));
             let parameters: BTreeMap<&str, &str> = query.split('&').filter_map(|p| p.split_once('=')).collect();
             let number = |name: &str| parameters.get(name).and_then(|v| v.parse::<u64>().ok());
+            if what != "/sample" {
+                let nth = self.answers.fetch_add(1, Ordering::Relaxed);
+                out.left = self.script.answer_cuts.get(nth).copied().unwrap_or(usize::MAX);
+            }
             match what {
                 "/probe" => out.whole("200 OK", "<MTConnectDevices><Header instanceId=\"1\"/><Devices><Device name=\"replayed\"/></Devices></MTConnectDevices>")?,
                 "/current" => {
@@ -358,12 +373,21 @@ impl Shared {
 struct Out {
     stream: TcpStream,
     left: usize,
+    slow: Option<(usize, Duration)>,
 }
 
 impl Out {
     fn send(&mut self, bytes: &[u8]) -> std::io::Result<()> {
         let taken = bytes.len().min(self.left);
-        self.stream.write_all(&bytes[..taken])?;
+        match self.slow {
+            None => self.stream.write_all(&bytes[..taken])?,
+            Some((piece, pause)) => {
+                for piece in bytes[..taken].chunks(piece) {
+                    self.stream.write_all(piece)?;
+                    sleep(pause);
+                }
+            }
+        }
         self.left -= taken;
         if taken < bytes.len() {
             self.stream.shutdown(Shutdown::Both)?;

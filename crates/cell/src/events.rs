@@ -18,7 +18,7 @@
 //! | `dwell` | `time_s` |
 //! | `message` | `text` |
 //! | `stop` | `kind` (`program`, `optional`) |
-//! | `register` | `register` (`tool 5 wear X`, `G54 X`, `#501`), `before`, `after`: written by the program; null is vacant |
+//! | `register` | `register` (`tool 5 wear X`, `G54 X`, `#501`), `before`, `after`: written by the program, null is vacant; `file`, `line` of it |
 //! | `nc-function` | `kind`, `name`, `text`, `properties` |
 //! | `question` | `question`, `answer` |
 //! | `alarm` | `number`, `code`, `text` |

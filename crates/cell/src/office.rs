@@ -9,7 +9,7 @@ use crate::sink::RecordSink;
 use crate::source::{CommandSource, Output};
 use ledger::Chain;
 use machine::{Command, Counters, FaultCause, Report, Request, Sample, State, StopCause, Wait};
-use plan::{Alarm, Answer, Level, Question, Step, StepKind};
+use plan::{Alarm, Answer, Level, Place, Question, Step, StepKind};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
 use units::{StepId, Tick, Timestamp};
@@ -307,6 +307,13 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
                     if matches!(&step.kind, StepKind::Begin(marker) if marker.level == Level::Workingstep) {
                         self.workingsteps += 1;
                         data.insert("workingstep".to_owned(), Value::from(self.workingsteps));
+                    }
+                    if matches!(step.kind, StepKind::Register(_)) {
+                        // Who changed an offset is a line of a program.
+                        data.insert("file".to_owned(), Value::from(self.source.file_name(step.origin.file)));
+                        if let Place::Text { line, .. } = step.origin.place {
+                            data.insert("line".to_owned(), Value::from(line));
+                        }
                     }
                     self.emit(kind, step.id, tick, data, sink);
                 }

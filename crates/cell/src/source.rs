@@ -1,7 +1,7 @@
 //! Where the office half gets its commands: a planner over a program, or a job that is still being written.
 
 use motion::Trajectory;
-use plan::Answer;
+use plan::{Answer, FileId};
 
 pub use motion::Output;
 
@@ -9,11 +9,19 @@ pub use motion::Output;
 pub trait CommandSource {
     /// The next thing. `answer` is `Some` just after an [`Output::Ask`], and only then.
     fn next(&mut self, answer: Option<Answer>) -> Output;
+
+    /// The name of a file that a step's origin speaks of; empty where there is none.
+    fn file_name(&self, _file: FileId) -> &str {
+        ""
+    }
 }
 
 impl CommandSource for Trajectory<'_> {
     fn next(&mut self, answer: Option<Answer>) -> Output {
         Trajectory::next(self, answer)
+    }
+    fn file_name(&self, file: FileId) -> &str {
+        self.stream().file_name(file)
     }
 }
 
@@ -21,11 +29,17 @@ impl<S: CommandSource + ?Sized> CommandSource for Box<S> {
     fn next(&mut self, answer: Option<Answer>) -> Output {
         (**self).next(answer)
     }
+    fn file_name(&self, file: FileId) -> &str {
+        (**self).file_name(file)
+    }
 }
 
 impl<S: CommandSource + ?Sized> CommandSource for &mut S {
     fn next(&mut self, answer: Option<Answer>) -> Output {
         (**self).next(answer)
+    }
+    fn file_name(&self, file: FileId) -> &str {
+        (**self).file_name(file)
     }
 }
 

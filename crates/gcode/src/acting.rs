@@ -96,7 +96,7 @@ impl Interpreter {
                 ..
             } => {
                 let value = self.evaluated(line, *value, stack)?;
-                self.memory.put(u32::from(*number), value);
+                self.memory.put(u32::from(*number), value, self.origin);
                 Ok(Act::Flow(Flow::NextBlock))
             }
             Statement::Do { condition, label, at } => {
@@ -214,7 +214,7 @@ impl Interpreter {
             ]);
             self.names.insert(number, short);
             self.emit(StepKind::NcFunction(RawNcFunction {
-                kind: "variable name".to_owned(),
+                kind: RawNcFunction::VARIABLE_NAME.to_owned(),
                 name: "SETVN".to_owned(),
                 text: String::new(),
                 properties,
@@ -265,7 +265,7 @@ impl Interpreter {
         }
         let end = if self.settings.prints_returns { "\r\n" } else { "\n" };
         self.emit(StepKind::NcFunction(RawNcFunction {
-            kind: "print".to_owned(),
+            kind: RawNcFunction::PRINT.to_owned(),
             name: if binary { "BPRNT" } else { "DPRNT" }.to_owned(),
             text: text + end,
             properties: BTreeMap::new(),

@@ -167,7 +167,7 @@ impl Interpreter {
         for (on, letter, variable, program) in called {
             if on && let Some(word) = block.look(letter) {
                 block.drop_word(letter);
-                self.memory.put(variable, word.value);
+                self.memory.put(variable, word.value, self.origin);
                 return Ok(Calling::Behind(Box::new(subprogram(program, word.at))));
             }
         }

@@ -19,9 +19,10 @@ mod joint;
 
 use crate::fault::{Fault, Outcome};
 use crate::interpreter::{Interpreter, Item};
+use crate::macro_b::Value;
 use crate::profile::{Plane, Side};
 use joint::{beside, check_arc, distance3, dot, joint, length_in, point, subtract, tangent, turned};
-use plan::{Arc, Move, Origin, Path, Speed, StepKind};
+use plan::{Arc, Move, Origin, Path, Register, RegisterChange, Speed, StepKind};
 use std::collections::VecDeque;
 use std::f64::consts::PI;
 use units::{Point, Radians, Setup};
@@ -366,9 +367,41 @@ impl Interpreter {
         }
     }
 
+    /// Tells the kept variables that were written, behind the moves that were said before: one of them may be held, and a variable that
+    /// was written behind it is written when the machine has made it.
+    pub(crate) fn tell_writes(&mut self) {
+        while let Some((origin, kind)) = self.untold_write() {
+            let item = Item::Step(origin, kind);
+            match &mut self.compensation.engaged {
+                // However many they are, they must not end the waiting for the next move.
+                Some(engaged) if engaged.pending.is_some() => engaged.held.push_back(Held::Item(item)),
+                _ => self.out.push_back(item),
+            }
+        }
+    }
+
+    /// The next kept variable that was written and not told.
+    pub(crate) fn untold_write(&mut self) -> Option<(Origin, StepKind)> {
+        if self.memory.kept_writes.is_empty() {
+            return None;
+        }
+        let write = self.memory.kept_writes.remove(0);
+        let held = |value| match value {
+            Value::Vacant => None,
+            Value::Number(n) => Some(n),
+        };
+        let change = RegisterChange {
+            register: Register::Variable(write.number),
+            before: held(Value::of(write.before)),
+            after: held(self.memory.read(write.number)),
+        };
+        Some((write.origin, StepKind::Register(change)))
+    }
+
     /// Waits no longer for a next move: what is held is given on. A fault is raised at the end of the block.
     pub(crate) fn settle(&mut self) {
         self.end_corner();
+        self.tell_writes();
         let Some(mut engaged) = self.compensation.engaged.take() else {
             return;
         };

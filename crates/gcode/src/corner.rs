@@ -75,6 +75,9 @@ impl Interpreter {
     /// A move of the programmed contour on its way to compensation.
     pub(crate) fn round(&mut self, path: Path<Setup>, speed: Speed) -> Outcome<()> {
         let asked = self.corner.asked.take();
+        if !self.corner.holds() {
+            self.tell_writes();
+        }
         let Some(before) = self.corner.held.take() else {
             return match (asked, &path) {
                 (Some(word), Path::Line { from, to }) => {
@@ -103,6 +106,7 @@ impl Interpreter {
                 before.speed,
             ),
         };
+        self.tell_writes();
         let first = match (first, made.between) {
             (Ok(()), Some(between)) => self.take_move(between, before.speed),
             (other, _) => other,
@@ -139,6 +143,7 @@ impl Interpreter {
         };
         let made = self.take_move(path, before.speed);
         self.origin = here;
+        self.tell_writes();
         let fault = made.err().unwrap_or_else(|| {
             alarm(
                 51,

@@ -355,6 +355,16 @@ mod tests {
     use super::*;
     use crate::expression::{Kind, Parser};
     use crate::macro_b::{Memory, Value};
+    use plan::{FileId, Origin, Place};
+
+    const HERE: Origin = Origin {
+        file: FileId(0),
+        place: Place::Text {
+            line: 1,
+            start: 0,
+            length: 1,
+        },
+    };
 
     fn rules(name: &str) -> MacroRules {
         crate::profile::by_name(name).expect("a family").macros
@@ -381,10 +391,10 @@ mod tests {
 
     fn evaluated(text: &str, rules: MacroRules, first: Value) -> String {
         let mut memory = Memory::new(rules);
-        memory.put(1, first.raw());
-        memory.put(2, 3.0);
-        memory.put(103, 7.0);
-        memory.put(100, 103.0);
+        memory.put(1, first.raw(), HERE);
+        memory.put(2, 3.0, HERE);
+        memory.put(103, 7.0, HERE);
+        memory.put(100, 103.0, HERE);
         let mut code = Code::default();
         let mut parser = Parser::new(text.as_bytes(), 0, &rules, &mut code);
         let parsed = parser.any();

@@ -6,7 +6,7 @@ use crate::fault::{Fault, Outcome, Site};
 use crate::interpreter::Flow;
 use crate::listing::{File, LoopEnd, Place, program_number};
 use crate::macro_b::Locals;
-use crate::program::GcodeProgram;
+use crate::program::{GcodeProgram, leader};
 use crate::text::Lines;
 use plan::Severity;
 use std::collections::BTreeMap;
@@ -533,7 +533,7 @@ impl GcodeProgram {
     fn open_program(&mut self, number: u32, at: usize) -> Outcome<(usize, Place)> {
         let name = format!("O{number:04}");
         if let Some(known) = self.files.iter().position(|f| f.name == name) {
-            return Ok((known, Place::default()));
+            return Ok((known, self.body_of(known, number)));
         }
         let source = match self.resolver.open(&name) {
             Some(source) if self.files.len() < MOST_FILES => source,
@@ -552,6 +552,19 @@ impl GcodeProgram {
             lines: Lines::new(source),
             programs: None,
         });
-        Ok((self.files.len() - 1, Place::default()))
+        let file = self.files.len() - 1;
+        Ok((file, self.body_of(file, number)))
+    }
+
+    /// Where a program begins that has a file of its own: at its O line, else behind the first `%`. A search for blocks that began at
+    /// the `%` would end at the O line.
+    fn body_of(&mut self, file: usize, number: u32) -> Place {
+        if let Some(place) = self.program_in(file, number) {
+            return place;
+        }
+        let lines = &mut self.files[file].lines;
+        lines.seek(0, 0);
+        // A file that cannot be read alarms at its first line.
+        leader(lines).map_or_else(|_| Place::default(), |(offset, lines)| Place { offset, lines })
     }
 }

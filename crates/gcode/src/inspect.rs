@@ -202,6 +202,7 @@ impl Reading {
                     self.close();
                 }
             }
+            StepKind::NcFunction(function) if function.is_of_the_control() => {}
             StepKind::NcFunction(_) => self.summary.nc_functions += 1,
             StepKind::Coolant(_)
             | StepKind::ToolOffset(_)

@@ -293,7 +293,7 @@ impl Interpreter {
         }
         // What was there before the program is no change of it.
         self.out.clear();
-        while self.memory.tell_kept().is_some() {}
+        self.memory.kept_writes.clear();
     }
 
     /// The machine's answer for the line being executed.

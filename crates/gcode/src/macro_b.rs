@@ -7,7 +7,7 @@
 //! Sources: Fanuc 16/18-C and 16i operator's manuals, custom macro chapters; their alarm numbers are used throughout.
 
 use crate::fault::Fault;
-use plan::Question;
+use plan::{Origin, Question};
 
 /// What a variable holds.
 ///
@@ -166,6 +166,16 @@ impl Refusal {
     }
 }
 
+/// A kept variable that was written; what it holds now is in the memory.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct KeptWrite {
+    pub number: u32,
+    /// What it held when it was told last; a NaN is vacant.
+    pub before: f64,
+    /// The line that wrote it last.
+    pub origin: Origin,
+}
+
 /// Variables that are plain memory; a NaN is vacant.
 #[derive(Clone, Debug)]
 pub(crate) struct Memory {
@@ -173,9 +183,8 @@ pub(crate) struct Memory {
     rules: MacroRules,
     /// Counts writes that changed something: a loop that changes nothing is endless.
     pub changes: u64,
-    /// Kept variables written since they were told last, with what they held before; and for each variable whether it is one of them.
-    kept_before: Vec<(u32, f64)>,
-    is_untold: Vec<bool>,
+    /// Kept variables written since they were told last, in the order of their first writes.
+    pub kept_writes: Vec<KeptWrite>,
 }
 
 /// First system variable of Fanuc; LinuxCNC's parameters end before its own.
@@ -205,8 +214,7 @@ impl Memory {
             values,
             rules,
             changes: 0,
-            kept_before: Vec::new(),
-            is_untold: vec![false; count as usize],
+            kept_writes: Vec::new(),
         }
     }
 
@@ -222,16 +230,23 @@ impl Memory {
         Value::of(self.values.get(number as usize).copied().unwrap_or(VACANT))
     }
 
-    /// Writes a variable that [`Memory::has`]; a NaN makes it vacant.
+    /// Writes a variable that [`Memory::has`], by a line; a NaN makes it vacant.
     #[inline]
-    pub(crate) fn put(&mut self, number: u32, value: f64) {
+    pub(crate) fn put(&mut self, number: u32, value: f64, origin: Origin) {
         let place = &mut self.values[number as usize];
         if place.to_bits() == value.to_bits() || (place.is_nan() && value.is_nan()) {
             return;
         }
-        if number >= *KEPT.start() && !self.is_untold[number as usize] {
-            self.is_untold[number as usize] = true;
-            self.kept_before.push((number, *place));
+        // LinuxCNC's parameters above #500 are as volatile as those below.
+        if number >= *KEPT.start() && self.rules.fanuc_ranges {
+            match self.kept_writes.iter_mut().rev().find(|w| w.number == number) {
+                Some(write) => write.origin = origin,
+                None => self.kept_writes.push(KeptWrite {
+                    number,
+                    before: *place,
+                    origin,
+                }),
+            }
         }
         *place = if value.is_nan() && self.rules.unset_is_zero {
             0.0
@@ -239,13 +254,6 @@ impl Memory {
             value
         };
         self.changes += 1;
-    }
-
-    /// The next kept variable that was written and not told, with what it held before; it counts as told from here.
-    pub(crate) fn tell_kept(&mut self) -> Option<(u32, f64)> {
-        let (number, before) = self.kept_before.pop()?;
-        self.is_untold[number as usize] = false;
-        Some((number, before))
     }
 
     /// A new set of locals; gives back the old one.

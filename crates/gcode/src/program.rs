@@ -17,8 +17,8 @@ use crate::parameters::Parameters;
 use crate::profile::Profile;
 use crate::text::{LONGEST_LINE, Line as Raw, LineError, Lines, characters};
 use plan::{
-    Alarm, Answer, ByteSource, Diagnostic, FileId, Next, Origin, ProgramStream, Question, RegisterChange, Resolver, Severity,
-    Step, StepKind, StopKind, Tables,
+    Alarm, Answer, ByteSource, Diagnostic, FileId, Next, Origin, ProgramStream, Question, Resolver, Severity, Step, StepKind,
+    StopKind, Tables,
 };
 use std::cell::Cell;
 use std::collections::{BTreeMap, BTreeSet};
@@ -541,20 +541,6 @@ impl GcodeProgram {
         self.interpreter.finish();
         self.ended = true;
     }
-
-    /// The next kept variable that the program wrote and the machine was not told of.
-    fn untold_register(&mut self) -> Option<StepKind> {
-        let (number, before) = self.interpreter.memory.tell_kept()?;
-        let held = |value| match value {
-            Value::Vacant => None,
-            Value::Number(n) => Some(n),
-        };
-        Some(StepKind::Register(RegisterChange {
-            register: plan::Register::Variable(number),
-            before: held(Value::of(before)),
-            after: held(self.interpreter.memory.read(number)),
-        }))
-    }
 }
 
 impl ProgramStream for GcodeProgram {
@@ -564,8 +550,8 @@ impl ProgramStream for GcodeProgram {
         }
         loop {
             let goes_out = !self.interpreter.out.is_empty() || self.alarm.is_some() || self.ended;
-            if goes_out && let Some(kind) = self.untold_register() {
-                return self.number_step(self.interpreter.origin, kind);
+            if goes_out && let Some((origin, kind)) = self.interpreter.untold_write() {
+                return self.number_step(origin, kind);
             }
             match self.interpreter.out.pop_front() {
                 Some(Item::Step(origin, kind)) => {
@@ -652,7 +638,7 @@ fn line_error(error: LineError) -> Diagnostic {
 }
 
 /// Where the program starts: behind a leader, which is any text before the first `%` that does not look like blocks.
-fn leader(lines: &mut Lines) -> Result<(u64, u32), LineError> {
+pub(crate) fn leader(lines: &mut Lines) -> Result<(u64, u32), LineError> {
     const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
     let mut first = (0, 0);
     while let Some(line) = lines.next()? {

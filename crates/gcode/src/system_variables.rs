@@ -67,7 +67,7 @@ impl Interpreter {
     /// Carries out `#i = value`; `end` is the byte behind the `=`.
     pub(crate) fn assign(&mut self, variable: u32, value: f64, at: usize, end: usize, site: Site<'_>) -> Outcome<()> {
         if self.memory.has(variable) {
-            self.memory.put(variable, value);
+            self.memory.put(variable, value, self.origin);
             return Ok(());
         }
         self.memory.changes += 1;
@@ -180,7 +180,7 @@ impl Interpreter {
     /// A variable given before the start: read-only ones are what the machine would answer.
     pub(crate) fn give(&mut self, number: u32, value: f64) -> Outcome<()> {
         if self.memory.has(number) {
-            self.memory.put(number, value);
+            self.memory.put(number, value, self.origin);
             return Ok(());
         }
         self.written.insert(number);

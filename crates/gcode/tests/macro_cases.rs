@@ -92,8 +92,8 @@ fn a_kept_variable_is_told_once_before_the_next_step() {
     assert_eq!(
         told,
         [
-            "register #501 None -> Some(\"7\")",
             "register #500 None -> Some(\"2\")",
+            "register #501 None -> Some(\"7\")",
             "register #500 Some(\"2\") -> Some(\"3\")"
         ]
     );

@@ -40,6 +40,17 @@ pub struct ChangeRequest {
     pub when: Timestamp,
 }
 
+/// The line of a program that asks for a change, in a run that is recorded.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ProgramLine {
+    /// Number of the job that runs it.
+    pub job: i64,
+    /// The file that the line stands in.
+    pub file: String,
+    /// Its line; `None` when the program has none (STEP-NC).
+    pub line: Option<u32>,
+}
+
 /// A change that was made.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
@@ -82,6 +93,28 @@ pub enum ChangeError {
 /// # Errors
 /// The value is not what the asker saw, the new one is not finite, or nobody stands behind it.
 pub fn change(registers: &mut dyn Registers, chain: &mut Chain, request: &ChangeRequest) -> Result<Change, ChangeError> {
+    apply(registers, chain, request, None)
+}
+
+/// [`change`], asked for by a running program: the event says in which job, and on which line.
+///
+/// # Errors
+/// As [`change`].
+pub fn change_by_program(
+    registers: &mut dyn Registers,
+    chain: &mut Chain,
+    request: &ChangeRequest,
+    line: &ProgramLine,
+) -> Result<Change, ChangeError> {
+    apply(registers, chain, request, Some(line))
+}
+
+fn apply(
+    registers: &mut dyn Registers,
+    chain: &mut Chain,
+    request: &ChangeRequest,
+    program: Option<&ProgramLine>,
+) -> Result<Change, ChangeError> {
     let path = &request.path;
     if request.who.trim().is_empty() || request.why.trim().is_empty() {
         return Err(ChangeError::Anonymous(path.clone()));
@@ -101,13 +134,20 @@ pub fn change(registers: &mut dyn Registers, chain: &mut Chain, request: &Change
         });
     }
     registers.set(path, request.to);
-    let detail = BTreeMap::from([
+    let mut detail = BTreeMap::from([
         ("path".to_owned(), Value::from(path.as_str())),
         ("before".to_owned(), before.map_or(Value::Null, Value::from)),
         ("after".to_owned(), Value::from(request.to)),
         ("who".to_owned(), Value::from(request.who.as_str())),
         ("why".to_owned(), Value::from(request.why.as_str())),
     ]);
+    if let Some(program) = program {
+        detail.insert("job".to_owned(), Value::from(program.job));
+        detail.insert("file".to_owned(), Value::from(program.file.as_str()));
+        if let Some(line) = program.line {
+            detail.insert("line".to_owned(), Value::from(line));
+        }
+    }
     let event = chain.append(request.when, "change", detail);
     Ok(Change {
         before,
@@ -138,6 +178,24 @@ mod tests {
         assert_eq!((done.before, done.after), (Some(0.1), 0.08));
         assert_eq!(done.event.detail["who"], "Maria");
         assert_eq!(values["tool/5/wear/x_mm"], 0.08);
+    }
+
+    #[test]
+    fn a_change_by_a_program_says_its_job_and_line() {
+        let (mut values, mut chain) = (BTreeMap::new(), Chain::default());
+        let line = ProgramLine {
+            job: 7,
+            file: "O9000.nc".into(),
+            line: Some(12),
+        };
+        let done = change_by_program(&mut values, &mut chain, &request(0.08, None), &line).expect("allowed");
+        assert_eq!(
+            (&done.event.detail["job"], &done.event.detail["line"]),
+            (&7.into(), &12.into())
+        );
+        assert_eq!(done.event.kind, "change");
+        let by_hand = change(&mut values, &mut chain, &request(0.1, Some(0.08))).expect("allowed");
+        assert_eq!(by_hand.event.detail.get("job"), None);
     }
 
     #[test]

@@ -10,5 +10,5 @@
 mod change;
 mod event;
 
-pub use change::{Change, ChangeError, ChangeRequest, Registers, change};
+pub use change::{Change, ChangeError, ChangeRequest, ProgramLine, Registers, change, change_by_program};
 pub use event::{Broken, Chain, Event, Hash, Hashing, verify};

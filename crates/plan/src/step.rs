@@ -447,6 +447,18 @@ pub struct RawNcFunction {
     pub properties: BTreeMap<String, String>,
 }
 
+impl RawNcFunction {
+    /// The kind of a line that the control prints (DPRNT, BPRNT); its text is the line.
+    pub const PRINT: &str = "print";
+    /// The kind of a name that the program gives to a variable (SETVN).
+    pub const VARIABLE_NAME: &str = "variable name";
+
+    /// True for what every control does with lines of its own, printing and naming: they are no functions of the vocabulary.
+    pub fn is_of_the_control(&self) -> bool {
+        [Self::PRINT, Self::VARIABLE_NAME].contains(&self.kind.as_str())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,7 +8,8 @@
 //! outside and inside alike, because the register moves the tip and not the wall; half of it for a register that counts radii; with the
 //! other sign where a larger register makes the size smaller.
 //!
-//! Read on: [`job`] for the file in which a job declares its sizes, [`dimension`] for what it declares, [`entry`] for reading a number as
+//! Read on: [`job`] for the file in which a job declares its sizes, [`dimension`] for what it declares, [`proposal`] for one
+//! made from a design, [`entry`] for reading a number as
 //! people type it, [`correction`] for checks and law, [`taking_back`] for undo, [`history`] for what is kept of an entry, [`trend`] for
 //! what several tell together, [`control`] and [`generate`] for macro programs of real controls.
 
@@ -19,6 +20,7 @@ pub mod entry;
 pub mod generate;
 pub mod history;
 pub mod job;
+pub mod proposal;
 pub mod taking_back;
 pub mod trend;
 

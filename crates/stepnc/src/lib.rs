@@ -12,6 +12,7 @@
 mod aim;
 pub mod curve;
 mod date;
+pub mod dimensions;
 pub mod edit;
 mod expression;
 pub mod inspect;

@@ -145,6 +145,23 @@ impl Aim<'_> {
     }
 
     fn measure_at(self, id: u64, depth: u32) -> Result<Measure, Fault> {
+        let (number, unit) = self.number_and_unit(id, depth)?;
+        let value = number * unit.factor;
+        if !value.is_finite() {
+            return Err(self.bad_measure(id, "is no finite number"));
+        }
+        Ok(Measure {
+            value,
+            dimension: unit.dimension,
+        })
+    }
+
+    /// The unit that a measure item is stated in.
+    pub(crate) fn unit_of_measure(self, id: u64) -> Result<Unit, Fault> {
+        self.number_and_unit(id, 0).map(|(_, unit)| unit)
+    }
+
+    fn number_and_unit(self, id: u64, depth: u32) -> Result<(f64, Unit), Fault> {
         let instance = self.instance(id)?;
         let number_and_unit = |arguments: &[Value]| {
             let value = arguments.iter().find_map(Value::number)?;
@@ -154,24 +171,18 @@ impl Aim<'_> {
             Instance::Complex(_) => instance.part("MEASURE_WITH_UNIT").and_then(number_and_unit),
             Instance::Simple(record) => number_and_unit(&record.arguments),
         };
-        let fault = |message: &str| {
-            Fault::new(
-                id,
-                "measure",
-                format!("{} {message}", self.keyword(id)),
-                "give a number and its unit",
-            )
-        };
-        let (value, unit) = found.ok_or_else(|| fault("holds no number"))?;
-        let unit = self.unit_at(unit.ok_or_else(|| fault("has no unit"))?, depth + 1)?;
-        let value = value * unit.factor;
-        if !value.is_finite() {
-            return Err(fault("is no finite number"));
-        }
-        Ok(Measure {
-            value,
-            dimension: unit.dimension,
-        })
+        let (value, unit) = found.ok_or_else(|| self.bad_measure(id, "holds no number"))?;
+        let unit = unit.ok_or_else(|| self.bad_measure(id, "has no unit"))?;
+        Ok((value, self.unit_at(unit, depth + 1)?))
+    }
+
+    fn bad_measure(self, id: u64, what: &str) -> Fault {
+        Fault::new(
+            id,
+            "measure",
+            format!("{} {what}", self.keyword(id)),
+            "give a number and its unit",
+        )
     }
 
     /// A measure that must have one of the given dimensions.

@@ -115,7 +115,6 @@ impl Manifest {
         self.files.iter().map(|f| f.path.as_str()).collect()
     }
 
-    #[expect(clippy::too_many_arguments, reason = "the fields of the manifest, once")]
     pub(super) fn new(
         at: Timestamp,
         who: &str,

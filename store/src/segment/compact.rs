@@ -33,9 +33,15 @@ pub struct Merged {
 pub(super) fn part(segment: &Path) -> Result<PathBuf, StoreError> {
     let target = segment.with_extension("parquet");
     let found = Part::Segment(Box::new(read(segment)?));
-    write(&[found], &target, true, &[], &[])?;
+    write(&[found], &target, Some(u64::MAX), &[], &[])?;
     remove(segment)?;
     Ok(target)
+}
+
+/// Makes a Parquet file of a closed segment at `target`, without its rows from number `until` on. The segment stays.
+pub(crate) fn part_until(segment: &Path, until: u64, target: &Path, more: &[(String, String)]) -> Result<Merged, StoreError> {
+    let found = Part::Segment(Box::new(read(segment)?));
+    write(&[found], target, Some(until), &[], more)
 }
 
 /// Makes one Parquet file of all rows of a recording, with the events of its job and what else is to be said in its metadata. The
@@ -52,7 +58,7 @@ pub fn merge(folder: &Path, target: &Path, events: &[Event], more: &[(&str, Stri
             Err(what) => unreadable.push((path, what)),
         }
     }
-    let mut merged = write(&parts, target, false, events, &more_of(more, &unreadable))?;
+    let mut merged = write(&parts, target, None, events, &more_of(more, &unreadable))?;
     merged.lost.extend(unreadable);
     // A Parquet file of a recording is finished here and nowhere else: what is to be built beside it (roll-ups) is built at this place,
     // from `target`, before it is catalogued.
@@ -104,7 +110,7 @@ pub(crate) fn paths(folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
 }
 
 /// Removes a file and makes that last. One that is gone already is as good.
-fn remove(path: &Path) -> Result<(), StoreError> {
+pub(crate) fn remove(path: &Path) -> Result<(), StoreError> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(StoreError::io("remove", path)(error)),
         _ => {}
@@ -202,10 +208,11 @@ impl Part {
     }
 }
 
+/// `part_until` is given for one part of a recording: the number of the first row that is not in it any more.
 fn write(
     parts: &[Part],
     target: &Path,
-    is_part: bool,
+    part_until: Option<u64>,
     events: &[Event],
     more: &[(String, String)],
 ) -> Result<Merged, StoreError> {
@@ -231,6 +238,7 @@ fn write(
         metadata.remove(key);
     }
     let from = first.first_row();
+    let (is_part, until) = (part_until.is_some(), part_until.unwrap_or(u64::MAX));
     if is_part {
         metadata.insert(FIRST_ROW.to_owned(), from.to_string());
     }
@@ -251,6 +259,10 @@ fn write(
                 }
                 Err(other) => return Err(other),
             };
+            if at >= until {
+                break;
+            }
+            batch = batch.slice(0, batch.num_rows().min(usize::try_from(until - at).unwrap_or(usize::MAX)));
             let end = at + batch.num_rows() as u64;
             if end <= next {
                 at = end;

@@ -7,7 +7,7 @@
 //! A segment lives as long as its recording. [`merge`] turns closed ones into Parquet; [`crate::DataDirectory::recover`] does so with
 //! what a killed process left.
 
-mod compact;
+pub(crate) mod compact;
 pub mod disk;
 pub mod frame;
 mod gap;
@@ -33,5 +33,5 @@ pub use reader::{Lost, Recovered, cut, read};
 pub use recorder::{Ended, Offered, Pace, Recorder, Settings};
 pub use recovery::Recovery;
 pub use rows::{Reading, ReadingRows, Rows};
+pub(crate) use writer::{FIRST_ROW, time_of, unwritable};
 pub use writer::{Options, Writer};
-pub(crate) use writer::{time_of, unwritable};

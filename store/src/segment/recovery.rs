@@ -9,6 +9,7 @@
 use super::compact::{self, Merged};
 use super::gap::Gap;
 use super::reader::{cut, read};
+use crate::record::{Finished, Reader, schema::key};
 use crate::{DataDirectory, Job, JobId, JobState, Log, StoreError, whole_file};
 use serde::Serialize;
 use serde_json::Value;
@@ -18,11 +19,14 @@ use std::path::{Path, PathBuf};
 use units::Timestamp;
 
 /// What became of a recording that a dead process left.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Recovery {
     /// The record that was made of it; `None` when nothing of it was readable.
     pub record: Option<PathBuf>,
-    /// Its rows.
+    /// Records before it, of a recording in several.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub earlier: Vec<PathBuf>,
+    /// Its rows; of a recording in several records, those of all.
     pub rows: u64,
     /// Time of the last one, microseconds UTC.
     pub last_us: Option<i64>,
@@ -45,6 +49,9 @@ impl fmt::Display for Recovery {
                     self.rows,
                     record.display()
                 )?;
+                if !self.earlier.is_empty() {
+                    write!(f, " and {} records before it", self.earlier.len())?;
+                }
             }
             (Some(record), None) => write!(f, "no row of it was on disk; {} is its empty record", record.display())?,
             (None, _) if self.lost.is_empty() => write!(f, "its recording had not begun on disk")?,
@@ -112,9 +119,13 @@ impl DataDirectory {
             return Ok(None);
         }
         let job = self.job(job)?;
-        let mut recovery = match self.kept_record(&job)? {
-            Some(recovery) => recovery,
-            None => self.recover_from(&job, &folder)?,
+        let mut recovery = if self.recorded_by(job.id)?.is_some() {
+            self.recover_parts(&job, &folder)?
+        } else {
+            match self.kept_record(&job)? {
+                Some(recovery) => recovery,
+                None => self.recover_from(&job, &folder)?,
+            }
         };
         recovery.aside = self.keep_aside(&job, &folder)?;
         compact::discard(&folder)?;
@@ -129,10 +140,28 @@ impl DataDirectory {
             record: Some(row.path),
             rows: row.rows,
             last_us: row.span_us.map(|(_, last)| last),
-            gaps: Vec::new(),
-            lost: Vec::new(),
-            aside: Vec::new(),
+            ..Recovery::default()
         }))
+    }
+
+    /// The job's record file, when the process died between its last byte and its catalogue row: all of the recording is in it.
+    fn finished_record(&self, job: &Job) -> Result<Option<(Finished, Vec<Gap>)>, StoreError> {
+        // The folder may be one that an earlier run of the same program wrote to.
+        let path = job.folder.join("record.parquet");
+        let Ok(reader) = Reader::open(&path) else {
+            return Ok(None);
+        };
+        let header = reader.header();
+        let of_the_job = (&header.machine, header.start, header.seed) == (&job.machine, job.start, job.seed);
+        let hash = reader.hash()?;
+        if !of_the_job || self.records()?.iter().any(|row| row.hash == hash) {
+            return Ok(None);
+        }
+        let gaps = reader.metadata().get(key::GAPS).map_or("[]", String::as_str);
+        match serde_json::from_str(gaps) {
+            Ok(gaps) => Ok(Some((reader.finished()?, gaps))),
+            Err(_) => Ok(None),
+        }
     }
 
     fn recover_from(&mut self, job: &Job, folder: &Path) -> Result<Recovery, StoreError> {
@@ -143,11 +172,13 @@ impl DataDirectory {
             JobState::Running => "interrupted",
             JobState::Over(ending) => JobState::Over(ending).word(),
         };
-        let merged = compact::merge(folder, &target, &events, &[("toolmark.recovered", why.to_owned())]);
-        let (record, gaps, lost) = match merged {
-            Ok(merged) => (Some(merged.finished), merged.gaps, merged.lost),
-            Err(StoreError::Damaged { .. }) => (None, Vec::new(), unreadable(folder)?),
-            Err(other) => return Err(other),
+        let (record, gaps, lost) = match self.finished_record(job)? {
+            Some((finished, gaps)) => (Some(finished), gaps, Vec::new()),
+            None => match compact::merge(folder, &target, &events, &[("toolmark.recovered", why.to_owned())]) {
+                Ok(merged) => (Some(merged.finished), merged.gaps, merged.lost),
+                Err(StoreError::Damaged { .. }) => (None, Vec::new(), unreadable(folder)?),
+                Err(other) => return Err(other),
+            },
         };
         let lost: Vec<String> = lost
             .iter()
@@ -160,10 +191,11 @@ impl DataDirectory {
             gaps,
             lost,
             aside: Vec::new(),
+            earlier: Vec::new(),
             record: record.as_ref().map(|r| r.path.clone()),
         };
         let at = last_us.and_then(|us| us.checked_mul(1000)).map_or(job.start, Timestamp);
-        let detail = self.detail_of(job, &recovery)?;
+        let detail = self.recovery_detail(job, &recovery)?;
         match &record {
             Some(record) => drop(self.catalogue_with(job.id, record, at, Some(("recording-recovered", detail)))?),
             None => drop(self.append(at, "recording-recovered", detail)?),
@@ -171,7 +203,7 @@ impl DataDirectory {
         Ok(recovery)
     }
 
-    fn detail_of(&self, job: &Job, recovery: &Recovery) -> Result<BTreeMap<String, Value>, StoreError> {
+    pub(crate) fn recovery_detail(&self, job: &Job, recovery: &Recovery) -> Result<BTreeMap<String, Value>, StoreError> {
         let record = recovery.record.as_deref().map(|path| self.path_to_text(path)).transpose()?;
         Ok(BTreeMap::from([
             ("job".to_owned(), Value::from(job.id.0)),

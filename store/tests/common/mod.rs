@@ -5,6 +5,7 @@ use machine::{Quality, Sample};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use store::record::{Header, Writer};
+use store::sizing::{NewSize, SizingJob};
 use store::{DataDirectory, Ending, JobId, NewJob, Retention};
 use units::{StepId, Tick, Timestamp};
 
@@ -71,6 +72,28 @@ pub fn run_a_job(directory: &mut DataDirectory, folder: Option<&Path>, rows: u64
     job.id
 }
 
+/// A job of sizes with two entries.
+fn size_a_part(directory: &mut DataDirectory) {
+    let job = SizingJob {
+        id: 0,
+        machine: "sim-mill".into(),
+        diameters: "x".into(),
+        name: "BRACKET".into(),
+        text: "name = \"BRACKET\"".into(),
+    };
+    let job = directory.load_sizing_job(&job, "Maria", START).expect("kept");
+    for dimension in ["SLOT", "STEP"] {
+        let entry = NewSize {
+            job: job.id,
+            kind: "size-entered",
+            at: START,
+            detail: BTreeMap::from([("dimension".to_owned(), dimension.into())]),
+            change: None,
+        };
+        directory.keep_size(&entry, &mut |_| {}).expect("kept");
+    }
+}
+
 /// A job on hold, one whose rows were removed by age, one that wrote outside of the directory, some process values.
 pub fn populate(root: &Path, outside: &Path) {
     let mut directory = DataDirectory::open(root, "test").expect("free");
@@ -90,6 +113,7 @@ pub fn populate(root: &Path, outside: &Path) {
             .expect("changed");
         before = Some(to);
     }
+    size_a_part(&mut directory);
     run_a_job(&mut directory, None, 300);
     run_a_job(&mut directory, Some(outside), 200);
     directory

@@ -28,8 +28,14 @@ pub enum SizeCommand {
 /// `toolmark size job`
 #[derive(Debug, Args)]
 pub struct JobArgs {
-    /// The job file (TOML).
+    /// The job file (TOML), or a STEP-NC file: then a job file is proposed from its dimensions and tolerances.
     pub file: PathBuf,
+    /// Where the proposed job file goes [default: standard output].
+    #[arg(long, value_name = "JOB.toml")]
+    pub out: Option<PathBuf>,
+    /// Number of the set-up program of the proposed job.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=7999))]
+    pub number: Option<u32>,
 }
 
 /// `toolmark size enter`

@@ -91,10 +91,12 @@ fn past_sizing(event: &Event, dimension: &Dimension) -> (Value, String) {
     let text = |name: &str| event.detail.get(name).and_then(Value::as_str).unwrap_or_default();
     let number = |name: &str| event.detail.get(name).and_then(Value::as_f64);
     let length = |mm: Option<f64>| dimension.unit.words(Millimetres(mm.unwrap_or(0.0)));
-    let value = json!({
+    // A program's line leaves its job behind; a person does not.
+    let job = event.detail.get("job").and_then(Value::as_i64);
+    let mut value = json!({
         "entry": event.sequence,
         "at_ns": event.at_ns,
-        "what": "changed-directly",
+        "what": if job.is_some() { "changed-by-program" } else { "changed-directly" },
         "dimension": dimension.name,
         "register": dimension.register,
         "who": text("who"),
@@ -102,14 +104,20 @@ fn past_sizing(event: &Event, dimension: &Dimension) -> (Value, String) {
         "before_mm": number("before"),
         "after_mm": number("after"),
     });
+    if job.is_some() {
+        for key in ["job", "file", "line"] {
+            value[key] = event.detail.get(key).cloned().unwrap_or_default();
+        }
+    }
     let line = format!(
-        "{:>5} {} {}: offset {} {} -> {} changed directly; {}: {}",
+        "{:>5} {} {}: offset {} {} -> {} changed {}; {}: {}",
         event.sequence,
         clock::utc(event.at()),
         dimension.name,
         dimension.offset,
         length(number("before")),
         length(number("after")),
+        if job.is_some() { "by program" } else { "directly" },
         text("who"),
         text("why")
     );

@@ -7,6 +7,7 @@ mod enter;
 mod generate;
 mod history;
 mod list;
+mod propose;
 mod study;
 mod undo;
 
@@ -46,6 +47,15 @@ pub fn size(command: &SizeCommand, common: &Common) -> Done {
 
 /// `toolmark size job FILE`
 fn job(args: &JobArgs, common: &Common) -> Done {
+    if let Some(program) = propose::step_file(&args.file)? {
+        return propose::propose(&program, args, common);
+    }
+    if args.out.is_some() || args.number.is_some() {
+        return Err(Failure::usage(format_args!(
+            "--out and --number are for a job proposed from a STEP-NC file, and {} is none",
+            args.file.display()
+        )));
+    }
     let text = std::fs::read_to_string(&args.file)
         .map_err(|e| Failure::unreadable(format_args!("{}: {e}; a sizing job (TOML) was expected", args.file.display())))?;
     let mut directory = shop::data_directory(common)?;

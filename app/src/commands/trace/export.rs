@@ -1,6 +1,6 @@
 //! `toolmark trace export`: a job's samples and events for other programs.
 
-use super::{Found, find, mdf, open, seconds_since};
+use super::{Found, find, mdf, observations, open, seconds_since};
 use crate::cli::Common;
 use crate::commands::{Done, print_json};
 use crate::failure::{Exit, Failure};
@@ -13,7 +13,7 @@ use std::io::{BufWriter, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use store::record::{Column, Reader, Row, extract};
-use store::{CatalogueRow, WholeFile};
+use store::{CatalogueRow, Job, WholeFile};
 use units::Timestamp;
 
 /// What is asked for.
@@ -30,11 +30,15 @@ pub struct Wanted<'a> {
 
 /// What was written.
 #[derive(Default)]
-struct Written {
-    rows: u64,
-    events: u64,
-    files: Vec<PathBuf>,
-    hash: Option<Hash>,
+pub struct Written {
+    /// Rows.
+    pub rows: u64,
+    /// Events.
+    pub events: u64,
+    /// Files, the one that was asked for first.
+    pub files: Vec<PathBuf>,
+    /// The hash, where the bytes are those of the record.
+    pub hash: Option<Hash>,
 }
 
 /// The samples that are written.
@@ -62,7 +66,7 @@ pub fn export(root: &Path, job: &str, wanted: &Wanted<'_>, common: &Common) -> D
         )));
     }
     let directory = shop::read_data(root)?;
-    let found = find(&directory, job)?;
+    let found = &mut find(&directory, job)?;
     if found.readable().next().is_none() {
         let why = found.gone.values().next();
         let why = why.map_or("it was interrupted, or nothing moved", String::as_str);
@@ -70,6 +74,12 @@ pub fn export(root: &Path, job: &str, wanted: &Wanted<'_>, common: &Common) -> D
             "job {} has no rows that could be exported: {why}",
             found.job.id
         )));
+    }
+    let mut done = Written::default();
+    if found.recorded.is_some() {
+        let span = span_of(wanted, found.job.start)?;
+        observations::export(&directory, found, wanted, span, &mut done)?;
+        return answer(&done, &found.job, None, common);
     }
     let readers = found.readable().map(open).collect::<Result<Vec<_>, Failure>>()?;
     let all = columns_of(&readers);
@@ -82,12 +92,11 @@ pub fn export(root: &Path, job: &str, wanted: &Wanted<'_>, common: &Common) -> D
         span,
         start: found.job.start,
     };
-    let mut done = Written::default();
     match ending {
         "csv" => csv(&selection, wanted.out, &mut done)?,
-        "jsonl" => json_lines(&selection, &found, wanted.out, &mut done)?,
+        "jsonl" => json_lines(&selection, found, wanted.out, &mut done)?,
         "mf4" => done.rows = mdf::write(&selection, wanted.out)?,
-        _ => parquet(&selection, &found, whole, wanted.out, &mut done)?,
+        _ => parquet(&selection, found, whole, wanted.out, &mut done)?,
     }
     done.files.insert(0, wanted.out.to_owned());
     if ["csv", "mf4"].contains(&ending) {
@@ -95,25 +104,32 @@ pub fn export(root: &Path, job: &str, wanted: &Wanted<'_>, common: &Common) -> D
         done.events = events_csv(&selection, &found.events, &beside)?;
         done.files.push(beside);
     }
+    answer(&done, &found.job, Some(&columns), common)
+}
+
+/// What was written, for the person. Observations have no channels.
+fn answer(done: &Written, job: &Job, columns: Option<&[Column]>, common: &Common) -> Done {
     if done.rows == 0 {
         shop::notice("no sample lies in the time that was asked for; the file holds its head only");
     }
     if common.json {
         print_json(&json!({
-            "job": found.job.id.0,
+            "job": job.id.0,
             "files": done.files,
             "rows": done.rows,
             "events": done.events,
-            "channels": columns.iter().map(|c| &c.name).collect::<Vec<_>>(),
+            "channels": columns.unwrap_or_default().iter().map(|c| &c.name).collect::<Vec<_>>(),
             "sha256": done.hash.map(|h| h.to_string()),
         }))?;
     } else {
         let files: Vec<String> = done.files.iter().map(|f| f.display().to_string()).collect();
+        let of = columns.map_or("observations".to_owned(), |columns| {
+            format!("rows of {} channels", columns.len())
+        });
         say(&format!(
-            "job {}: {} rows of {} channels and {} events to {}",
-            found.job.id,
+            "job {}: {} {of} and {} events to {}",
+            job.id,
             done.rows,
-            columns.len(),
             done.events,
             files.join(", ")
         ));
@@ -210,11 +226,11 @@ impl Selection<'_> {
     }
 }
 
-fn create(path: &Path) -> Result<BufWriter<WholeFile>, Failure> {
+pub(super) fn create(path: &Path) -> Result<BufWriter<WholeFile>, Failure> {
     Ok(BufWriter::new(WholeFile::create(path).map_err(shop::failure)?))
 }
 
-fn finish(file: BufWriter<WholeFile>, path: &Path) -> Result<(), Failure> {
+pub(super) fn finish(file: BufWriter<WholeFile>, path: &Path) -> Result<(), Failure> {
     let whole = file.into_inner().map_err(|e| Failure::writing(path, e.error()))?;
     whole.finish().map(|_| ()).map_err(shop::failure)
 }
@@ -254,7 +270,7 @@ fn csv(selection: &Selection<'_>, path: &Path, done: &mut Written) -> Result<(),
     finish(file, path)
 }
 
-fn events_csv(selection: &Selection<'_>, all: &[Event], path: &Path) -> Result<u64, Failure> {
+pub(super) fn events_csv(selection: &Selection<'_>, all: &[Event], path: &Path) -> Result<u64, Failure> {
     let mut file = create(path)?;
     let failed = |e: std::io::Error| Failure::writing(path, e);
     let mut count = 0;
@@ -278,7 +294,7 @@ fn events_csv(selection: &Selection<'_>, all: &[Event], path: &Path) -> Result<u
 }
 
 /// A text as a cell of a CSV file (RFC 4180).
-fn quoted(text: &str) -> String {
+pub(super) fn quoted(text: &str) -> String {
     if text.contains(['"', ',', '\n', '\r']) {
         format!("\"{}\"", text.replace('"', "\"\""))
     } else {
@@ -360,6 +376,11 @@ fn parquet(selection: &Selection<'_>, found: &Found, whole: bool, path: &Path, d
             .rows;
         return Ok(());
     }
+    copy(row, path, done)
+}
+
+/// The record itself, byte for byte.
+pub(super) fn copy(row: &CatalogueRow, path: &Path, done: &mut Written) -> Result<(), Failure> {
     let mut from = File::open(&row.path).map_err(|e| Failure::unreadable(format_args!("{}: {e}", row.path.display())))?;
     let mut to = WholeFile::create(path).map_err(shop::failure)?;
     std::io::copy(&mut from, &mut to).map_err(|e| Failure::writing(path, e))?;

@@ -56,8 +56,12 @@ pub fn list(root: &Path, common: &Common) -> Done {
 
 /// Rows that are lost between the first and the last of each record; `None` without rows.
 ///
-/// Our records hold a row each servo cycle of 1 ms.
+/// The records of runs hold a row each servo cycle of 1 ms.
 fn missing_rows(found: &Found) -> Option<u64> {
+    // Observations come when something changes.
+    if found.recorded.is_some() {
+        return None;
+    }
     let spans = found.records.iter().filter_map(|r| Some((r.span_us?, r.rows)));
     spans
         .map(|((first, last), rows)| (((last - first) / 1000 + 1).unsigned_abs()).saturating_sub(rows))
@@ -86,6 +90,7 @@ pub fn brief(root: &Path, found: &Found) -> Value {
         .collect();
     json!({
         "job": job.id.0,
+        "kind": if found.recorded.is_some() { "recording" } else { "run" },
         "program": job.program,
         "program_sha256": job.program_hash.to_string(),
         "machine": job.machine,

@@ -6,6 +6,7 @@
 mod export;
 mod list;
 mod mdf;
+mod observations;
 mod show;
 mod statistics;
 mod verify;
@@ -18,7 +19,7 @@ use ledger::Event;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use store::record::Reader;
-use store::{CatalogueRow, DataDirectory, Hold, Job, JobId, Log};
+use store::{CatalogueRow, DataDirectory, Hold, Job, JobId, Log, Recorded};
 use units::Timestamp;
 
 /// Runs the command.
@@ -62,6 +63,33 @@ struct Found {
     gone: BTreeMap<u64, String>,
     hold: Option<Hold>,
     verdict: Option<String>,
+    /// The agent that it recorded; `None` for the run of a program.
+    recorded: Option<Recorded>,
+}
+
+/// The record files of a job, by its number or `last`, oldest first, to be read while nobody works in the directory. With them whose
+/// rows are gone, and why.
+///
+/// # Errors
+/// There is no such job, or nothing of it is there.
+pub fn record_files(root: &Path, job: &str) -> Result<(Vec<PathBuf>, Vec<String>), Failure> {
+    let directory = shop::read_data(root)?;
+    let found = find(&directory, job)?;
+    let files: Vec<PathBuf> = found.readable().map(|row| row.path.clone()).collect();
+    let gone = found.records.iter().filter_map(|row| {
+        let why = found.gone.get(&row.sequence)?;
+        Some(format!("{}: {why}", shown(root, &row.path)))
+    });
+    let gone: Vec<String> = gone.collect();
+    if files.is_empty() {
+        let why = if gone.is_empty() {
+            "it has no record".to_owned()
+        } else {
+            gone.join("; ")
+        };
+        return Err(Failure::unreadable(format_args!("job {}: {why}", found.job.id)));
+    }
+    Ok((files, gone))
 }
 
 impl Found {
@@ -145,6 +173,7 @@ impl Everything {
             hold: self.holds.iter().find(|hold| hold.job == job.id).cloned(),
             verdict: self.verdicts.of_job(job.id),
             events: events_of(directory, job.id)?,
+            recorded: directory.recorded_by(job.id).map_err(shop::failure)?,
             records,
             job,
         })
@@ -189,14 +218,18 @@ impl Verdicts {
 fn open(row: &CatalogueRow) -> Result<Reader, Failure> {
     let reader = Reader::open(&row.path).map_err(shop::failure)?;
     if reader.hash().map_err(shop::failure)? != row.hash {
-        return Err(Failure::unreadable(format_args!(
-            "{}: its content is not what was recorded (catalogue row {}); take it from a backup: toolmark trace verify names all \
-             that was changed",
-            row.path.display(),
-            row.sequence
-        )));
+        return Err(changed(row));
     }
     Ok(reader)
+}
+
+fn changed(row: &CatalogueRow) -> Failure {
+    Failure::unreadable(format_args!(
+        "{}: its content is not what was recorded (catalogue row {}); take it from a backup: toolmark trace verify names all \
+         that was changed",
+        row.path.display(),
+        row.sequence
+    ))
 }
 
 /// A path as it is shown: short where it lies in the directory.

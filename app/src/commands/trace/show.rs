@@ -2,7 +2,7 @@
 
 use super::list::brief;
 use super::statistics::{self, Statistics};
-use super::{Found, find, open, seconds_since, shown};
+use super::{Found, find, observations, open, seconds_since, shown};
 use crate::cli::Common;
 use crate::commands::backup::size;
 use crate::commands::{Done, print_json};
@@ -24,6 +24,9 @@ const LAST_EVENTS: usize = 20;
 pub fn show(root: &Path, job: &str, all_events: bool, common: &Common) -> Done {
     let directory = shop::read_data(root)?;
     let found = find(&directory, job)?;
+    if let Some(of) = &found.recorded {
+        return observations::show(root, &directory, &found, of, all_events, common);
+    }
     let readers = found.readable().map(open).collect::<Result<Vec<_>, Failure>>()?;
     let ends = found.readable().filter_map(|r| r.span_us);
     let span = ends.reduce(|(a, b), (c, d)| (a.min(c), b.max(d)));
@@ -56,7 +59,7 @@ pub fn show(root: &Path, job: &str, all_events: bool, common: &Common) -> Done {
     Ok(Exit::Good)
 }
 
-fn head(root: &Path, found: &Found) {
+pub(super) fn head(root: &Path, found: &Found) {
     let job = &found.job;
     say(&format!(
         "job {}: {} on {}, {} ({}), {}, verdict {}",
@@ -152,7 +155,7 @@ fn by_workingstep(found: &Found, numbers: &Statistics, names: &BTreeMap<u32, Str
     }
 }
 
-fn events(found: &Found, all: bool) {
+pub(super) fn events(found: &Found, all: bool) {
     let skipped = if all {
         0
     } else {
@@ -179,7 +182,7 @@ fn plain(value: &Value) -> String {
 }
 
 /// Three digits behind the point, and more where the number is small.
-fn short(number: Option<f64>) -> String {
+pub(super) fn short(number: Option<f64>) -> String {
     match number {
         None => "-".to_owned(),
         Some(x) if x != 0.0 && x.abs() < 0.01 => format!("{x:.2e}"),
