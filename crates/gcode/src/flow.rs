@@ -43,18 +43,22 @@ pub(crate) struct Loop {
     start_kept: Option<u32>,
 }
 
-/// What tells an endless loop: places jumped back to since a variable changed.
+/// What tells an endless loop: a jump back that finds all as it was at an earlier one, with no variable changed between.
 #[derive(Default)]
 pub(crate) struct Repetition {
     jumps_back: u64,
     changes: u64,
-    seen: Vec<Fingerprint>,
+    /// What jumps back are held against. It is taken anew after twice as many jumps each time (Brent's way of finding a cycle), so that
+    /// a round of any length is found and a jump costs one comparison.
+    held: Option<Fingerprint>,
+    /// Jumps since it was taken, and after how many the next one is.
+    since: u64,
+    holds_for: u64,
     /// `changes` when the main program began its present pass.
     pass: u64,
 }
 
 /// All that decides what comes next, but for the variables: two equal ones with no change between them are an endless loop.
-#[derive(PartialEq)]
 struct Fingerprint {
     target: (usize, u64),
     frames: Vec<(u64, u32)>,
@@ -149,7 +153,7 @@ impl GcodeProgram {
         let changes = self.interpreter.memory.changes;
         if changes != self.repetition.changes {
             self.repetition.changes = changes;
-            self.repetition.seen.clear();
+            self.repetition.held = None;
             return;
         }
         self.look_for_repetition(place);
@@ -157,20 +161,39 @@ impl GcodeProgram {
 
     /// No variable has changed since the last jump back: the state decides.
     fn look_for_repetition(&mut self, place: Place) {
-        let print = Fingerprint {
-            target: (self.current, place.offset),
-            frames: self.frames.iter().map(|f| (f.return_to.offset, f.times_left)).collect(),
-            loops: self.loops.len(),
-            state: self.interpreter.fingerprint(),
-        };
-        if self.repetition.seen.contains(&print) {
-            self.endless(format!(
-                "the program goes round for ever from line {}: nothing changes from one pass to the next",
-                place.lines + 1
-            ));
-        } else if self.repetition.seen.len() < 64 {
-            self.repetition.seen.push(print);
+        let target = (self.current, place.offset);
+        let frames = self.frames.iter().map(|f| (f.return_to.offset, f.times_left));
+        let loops = self.loops.len();
+        let state = self.interpreter.fingerprint();
+        let repetition = &mut self.repetition;
+        match &repetition.held {
+            Some(held)
+                if held.target == target
+                    && held.loops == loops
+                    && held.state == state
+                    && held.frames.iter().copied().eq(frames.clone()) =>
+            {
+                return self.endless(format!(
+                    "the program goes round for ever from line {}: nothing changes from one pass to the next",
+                    place.lines + 1
+                ));
+            }
+            Some(_) => {
+                repetition.since += 1;
+                if repetition.since < repetition.holds_for {
+                    return;
+                }
+                repetition.holds_for *= 2;
+            }
+            None => repetition.holds_for = 1,
         }
+        repetition.since = 0;
+        repetition.held = Some(Fingerprint {
+            target,
+            frames: frames.collect(),
+            loops,
+            state,
+        });
     }
 
     // ---- jumps and loops
