@@ -52,7 +52,7 @@ fn a_variable_written_behind_a_move_is_told_behind_it_though_the_move_is_held_fo
     check(
         "fanuc-lathe",
         "O1\nG21 G98\nG0 X50. Z0\n#501=1\nG1 Z-10. C1. F100.\n#501=2\nX60.\nM30",
-        &["3 move", "4 #501 vacant -> 1", "5 move", "6 #501 1 -> 2", "7 move", "7 move"],
+        &["3 move", "4 #501 vacant -> 1", "5 move", "6 #501 1 -> 2", "5 move", "7 move"],
     );
 }
 
