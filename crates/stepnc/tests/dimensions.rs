@@ -9,11 +9,12 @@ use stepnc::Program;
 use stepnc::dimensions::{Measures, StatedLimits, StatedUnit, dimensions};
 use units::{Millimetres, ToolNumber};
 
+const BRACKET: &str = include_str!("../../../corpus/bracket.stpnc");
+
 /// The bracket of the corpus with more instances, and one workingstep on a feature of its own. The text was held against the EXPRESS
 /// long form of edition 3.
 fn bracket(more: &str) -> Program {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../corpus/bracket.stpnc");
-    let text = std::fs::read_to_string(path).expect("it belongs to the repository");
+    let text = BRACKET;
     let end = text.rfind("ENDSEC;").expect("a data section");
     let text = format!("{}{more}{}", &text[..end], &text[end..]);
     let text = text.replace(
@@ -119,8 +120,7 @@ fn a_tolerance_that_cannot_be_is_named_and_not_read() {
 
 #[test]
 fn the_bracket_of_the_corpus_states_one_size() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../corpus/bracket.stpnc");
-    let program = Program::read("bracket.stpnc", std::fs::read(path).expect("there")).expect("Part 21");
+    let program = Program::read("bracket.stpnc", BRACKET.as_bytes().to_vec()).expect("Part 21");
     let read = dimensions(&program).dimensions;
     let [pocket] = read.as_slice() else {
         panic!("{read:?}");
