@@ -55,9 +55,13 @@ fn problem_in(bytes: &[u8]) -> Option<String> {
         // Frames of an earlier round stand behind the end of this one, under another salt: they carry nothing any more.
         let later = frames[n + 1..].iter().any(|f| f.get(8..16) == Some(salt));
         return (follows || ours || later).then(|| {
+            let end = if later {
+                ""
+            } else {
+                "; after a power loss or a killed process this can be the last change, which was not acknowledged"
+            };
             format!(
-                "frame {} of {} is not what was written: the changes in it and behind it are lost; after a power loss this can be the \
-                 last change, which was not acknowledged",
+                "frame {} of {} is not what was written: the changes in it and behind it are lost{end}",
                 n + 1,
                 frames.len()
             )
