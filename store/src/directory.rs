@@ -47,7 +47,7 @@ pub struct DataDirectory {
     /// Jobs begun by this process: they run, and were not interrupted.
     pub(crate) begun: BTreeSet<JobId>,
     /// What was wrong with the write-ahead log when it was opened.
-    pub(crate) wal_problem: Option<String>,
+    pub(crate) wal_problem: Option<wal::Problem>,
     // Last: the database is closed before others are let in.
     lock: Lock,
 }
@@ -123,7 +123,7 @@ impl DataDirectory {
 
     /// What was wrong with the database's write-ahead log when it was opened: changes that SQLite drops without a word.
     pub fn wal_problem(&self) -> Option<&str> {
-        self.wal_problem.as_deref()
+        self.wal_problem.as_ref().map(|problem| problem.text.as_str())
     }
 
     /// Refuses what a reader may not do.

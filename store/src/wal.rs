@@ -10,8 +10,17 @@ use std::path::Path;
 const HEADER: usize = 32;
 const FRAME_HEADER: usize = 24;
 
+/// What is wrong with a write-ahead log.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Problem {
+    /// In words.
+    pub text: String,
+    /// Nothing of the log stands behind it: a process that was killed while it wrote leaves a log so.
+    pub at_the_end: bool,
+}
+
 /// What is wrong with the write-ahead log of the database at `database`; `None` when every frame of it is whole, or there is none.
-pub(crate) fn problem(database: &Path) -> Result<Option<String>, StoreError> {
+pub(crate) fn problem(database: &Path) -> Result<Option<Problem>, StoreError> {
     let path = crate::directory::beside(database, "-wal");
     match std::fs::read(&path) {
         Ok(bytes) => Ok(problem_in(&bytes)),
@@ -20,23 +29,29 @@ pub(crate) fn problem(database: &Path) -> Result<Option<String>, StoreError> {
     }
 }
 
-fn problem_in(bytes: &[u8]) -> Option<String> {
+fn problem_in(bytes: &[u8]) -> Option<Problem> {
+    let in_the_head = |text: &str| {
+        Some(Problem {
+            text: text.to_owned(),
+            at_the_end: false,
+        })
+    };
     if bytes.is_empty() {
         return None;
     }
     let Some(header) = bytes.get(..HEADER) else {
-        return Some("it is cut within its head".to_owned());
+        return in_the_head("it is cut within its head");
     };
     let magic = word(header, 0);
     let big = match magic {
         0x377f_0682 => false,
         0x377f_0683 => true,
-        _ => return Some("its head was changed".to_owned()),
+        _ => return in_the_head("its head was changed"),
     };
     let page = word(header, 8) as usize;
     let mut sum = checksum((0, 0), &header[..24], big);
     if sum != (word(header, 24), word(header, 28)) || !page.is_power_of_two() || page < 512 {
-        return Some("its head was changed".to_owned());
+        return in_the_head("its head was changed");
     }
     let salt = &header[16..24];
     let frames: Vec<&[u8]> = bytes[HEADER..].chunks(FRAME_HEADER + page).collect();
@@ -60,11 +75,15 @@ fn problem_in(bytes: &[u8]) -> Option<String> {
             } else {
                 "; after a power loss or a killed process this can be the last change, which was not acknowledged"
             };
-            format!(
+            let text = format!(
                 "frame {} of {} is not what was written: the changes in it and behind it are lost{end}",
                 n + 1,
                 frames.len()
-            )
+            );
+            Problem {
+                text,
+                at_the_end: !later,
+            }
         });
     }
     None
@@ -120,7 +139,16 @@ mod tests {
             assert!(problem_in(&changed).is_some(), "byte {at} of {}", bytes.len());
         }
         let cut = problem_in(&bytes[..bytes.len() - 100]).expect("cut");
-        assert!(cut.contains(&format!("frame {frames} of {frames}")), "{cut}");
+        assert!(
+            cut.at_the_end && cut.text.contains(&format!("frame {frames} of {frames}")),
+            "{cut:?}"
+        );
+        let mut early = bytes.clone();
+        early[HEADER + FRAME_HEADER + 7] ^= 0x10;
+        assert!(
+            !problem_in(&early).expect("changed").at_the_end,
+            "twenty frames stand behind it"
+        );
     }
 
     #[test]
