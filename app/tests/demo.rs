@@ -59,3 +59,25 @@ fn the_demo_leaves_its_files_behind() {
         }
     }
 }
+
+#[test]
+fn the_readme_shows_what_the_demo_says() {
+    let out = tempfile::tempdir().expect("a temporary folder");
+    let output = Command::new(env!("CARGO_BIN_EXE_toolmark"))
+        .args(["demo", "--out"])
+        .arg(out.path())
+        .output()
+        .expect("the binary starts");
+    let said = String::from_utf8_lossy(&output.stdout);
+    let readme = include_str!("../../README.md");
+    let begin = readme.find("Toolmark demo.").expect("the README shows the demo");
+    let shown = &readme[begin..];
+    let shown = &shown[..shown.find("```").expect("it ends")];
+    assert!(shown.lines().count() > 15, "{shown}");
+    for line in shown.lines() {
+        assert!(
+            said.lines().any(|l| l == line),
+            "the README says:\n{line}\nthe demo says:\n{said}"
+        );
+    }
+}
