@@ -6,7 +6,9 @@ use crate::column::Column;
 use crate::keywords::{Keywords, holds};
 use crate::problem::{Position, Problem, ReadError};
 use crate::scan::{Scan, next_reference, scan};
+use crate::text::string_end;
 use crate::value::{Instance, Parser, Value};
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 /// An instance's place in the table of its file, which is sorted by identifier.
@@ -42,6 +44,8 @@ pub struct Anchor {
     pub name: String,
     /// What it names.
     pub value: Value<'static>,
+    /// Its tags `{name:value}`, in the order of the file.
+    pub tags: Vec<(String, Value<'static>)>,
     /// Where it stands.
     pub offset: usize,
 }
@@ -62,6 +66,10 @@ pub struct External {
     pub name: ExternalName,
     /// Where it is, such as `plan.stpnc#main`.
     pub uri: String,
+    /// Its tags `{name:value}`, in the order of the file. The standard gives tags to anchors only; some writers put them here as well.
+    pub tags: Vec<(String, Value<'static>)>,
+    /// Where it stands.
+    pub offset: usize,
 }
 
 /// A Part 21 file: its bytes and the index over them.
@@ -79,6 +87,7 @@ pub struct File {
     anchors: Vec<Anchor>,
     externals: Vec<External>,
     pub(crate) signatures: Vec<Range<usize>>,
+    unclosed_comment: Option<usize>,
     highest_id: u64,
     problems: Vec<Problem>,
 }
@@ -95,19 +104,12 @@ impl File {
         if let Some((row, target)) = dangling.first {
             let offset = scan.offsets.get(row) as usize;
             let id = scan.ids.get(row);
-            let known = |id| {
-                scan.externals
-                    .iter()
-                    .any(|external| external.name == ExternalName::Entity(id))
-            };
-            if dangling.targets.iter().any(|&target| !known(target)) {
-                scan.problems.add("missing-instance", offset, || {
-                    format!(
-                        "#{id} refers to #{target}, which the file does not hold; {} such references",
-                        dangling.count
-                    )
-                });
-            }
+            scan.problems.add("missing-instance", offset, || {
+                format!(
+                    "#{id} refers to #{target}, which the file does not hold; {} such references",
+                    dangling.count
+                )
+            });
         }
         let Scan {
             ids,
@@ -120,6 +122,7 @@ impl File {
             anchors,
             externals,
             signatures,
+            unclosed_comment,
             problems,
             ..
         } = scan;
@@ -137,6 +140,7 @@ impl File {
             anchors,
             externals,
             signatures,
+            unclosed_comment,
             highest_id,
         })
     }
@@ -228,32 +232,24 @@ impl File {
 
     /// The bytes of an instance, from `#` to its semicolon.
     pub fn span(&self, row: Row) -> Range<usize> {
-        let start = self.offset(row);
         let mut parser = self.behind_equals(row);
         while let Some(byte) = parser.peek() {
-            parser.at += 1;
             match byte {
-                b';' => break,
-                b'\'' => {
-                    let rest = &self.bytes[parser.at..];
-                    parser.at += rest.iter().position(|&b| b == b'\'').map_or(rest.len(), |length| length + 1);
-                }
-                b'/' => {
-                    parser.at -= 1;
-                    parser.skip_blanks();
-                    parser.at = parser.at.max(start + 1);
-                    if parser.peek() == Some(b'/') {
-                        parser.at += 1;
-                    }
-                }
-                _ => {}
+                b'\'' => parser.at = string_end(&self.bytes, parser.at + 1).unwrap_or(self.bytes.len()),
+                b'/' if self.bytes.get(parser.at + 1) == Some(&b'*') => parser.skip_blanks(),
+                _ => parser.at += 1,
+            }
+            if byte == b';' {
+                break;
             }
         }
-        start..parser.at
+        self.offset(row)..parser.at
     }
 
     fn behind_equals(&self, row: Row) -> Parser<'_> {
         let mut parser = Parser::new(&self.bytes, self.offset(row) + 1);
+        parser.unclosed_comment = self.unclosed_comment;
+        parser.skip_blanks();
         parser.digits();
         parser.skip_blanks();
         parser.at += 1;
@@ -353,13 +349,11 @@ fn sort(scan: &mut Scan) -> Option<Vec<u32>> {
     Some(ranks)
 }
 
-/// References to instances that the file does not hold.
+/// References to instances that neither the file holds nor its REFERENCE section names.
 #[derive(Default)]
 struct Dangling {
     /// Row of the first user, and its target.
     first: Option<(usize, u64)>,
-    /// Some of the targets, enough to see whether all of them are external.
-    targets: Vec<u64>,
     count: u64,
 }
 
@@ -368,14 +362,20 @@ fn invert(scan: &Scan, ranks: Option<&[u32]>) -> (Vec<u32>, Vec<Row>, Dangling) 
     let rows = scan.ids.len();
     let mut starts = vec![0u32; rows + 1];
     let mut dangling = Dangling::default();
+    let elsewhere: BTreeSet<u64> = scan
+        .externals
+        .iter()
+        .filter_map(|external| match external.name {
+            ExternalName::Entity(id) => Some(id),
+            ExternalName::Value(_) => None,
+        })
+        .collect();
     each_reference(scan, ranks, |user, target, found| match found {
         Some(row) => starts[row + 1] += 1,
+        None if elsewhere.contains(&target) => {}
         None => {
             dangling.count += 1;
             dangling.first.get_or_insert((user, target));
-            if dangling.targets.len() < 1000 {
-                dangling.targets.push(target);
-            }
         }
     });
     for row in 0..rows {

@@ -7,7 +7,8 @@ use crate::column::Column;
 use crate::file::{Anchor, DataSection, External, ExternalName, HeaderEntry};
 use crate::keywords::Keywords;
 use crate::problem::{Problems, ReadError};
-use crate::value::{Parser, Value, is_word};
+use crate::text::{closes, string_end};
+use crate::value::{Fault, Parser, Value, is_word};
 use std::ops::Range;
 
 pub(crate) struct Scan {
@@ -25,6 +26,7 @@ pub(crate) struct Scan {
     pub(crate) anchors: Vec<Anchor>,
     pub(crate) externals: Vec<External>,
     pub(crate) signatures: Vec<Range<usize>>,
+    pub(crate) unclosed_comment: Option<usize>,
     pub(crate) problems: Problems,
 }
 
@@ -46,12 +48,20 @@ pub(crate) fn scan(bytes: &[u8]) -> Result<Scan, ReadError> {
             anchors: Vec::new(),
             externals: Vec::new(),
             signatures: Vec::new(),
+            unclosed_comment: None,
             problems: Problems::default(),
         },
         previous_id: None,
+        lost_strings: 0,
     };
     scanner.sections();
     let mut out = scanner.out;
+    out.unclosed_comment = scanner.text.unclosed_comment;
+    if let Some(start) = out.unclosed_comment {
+        out.problems.add("unterminated-comment", start, || {
+            "a comment is not closed: it is read as one to the end of its line".into()
+        });
+    }
     if u32::try_from(out.ids.len()).is_err() || u32::try_from(out.reference_count).is_err() {
         return Err(ReadError::TooLarge);
     }
@@ -96,7 +106,12 @@ struct Scanner<'a> {
     text: Parser<'a>,
     out: Scan,
     previous_id: Option<u64>,
+    /// Strings without an end that were searched for one to the end of the file.
+    lost_strings: u32,
 }
+
+/// So many strings without an end are searched for the next instance on their line; a file of more is no file of lines.
+const MOST_LOST_STRINGS: u32 = 64;
 
 #[derive(Clone, Copy, PartialEq)]
 enum Section {
@@ -265,13 +280,18 @@ impl Scanner<'_> {
         }
     }
 
-    /// Does an instance (`#12=`) or `ENDSEC` begin at `at`, blanks aside?
+    /// Does an instance (`#12=`) or `ENDSEC` begin at `at`, blanks of the same line aside?
     fn begins_entry(&self, at: usize) -> bool {
-        let mut ahead = Parser::new(self.text.bytes, at);
-        while ahead.peek().is_some_and(|byte| byte.is_ascii_whitespace()) {
-            ahead.at += 1;
-        }
-        if self.text.bytes[ahead.at.min(self.text.bytes.len())..].starts_with(b"ENDSEC") {
+        let bytes = self.text.bytes;
+        let mut ahead = Parser::new(bytes, at);
+        // No further than the line: each of a million empty lines is asked.
+        let skip = |ahead: &mut Parser| {
+            while ahead.peek().is_some_and(|byte| matches!(byte, b' ' | b'\t' | b'\r')) {
+                ahead.at += 1;
+            }
+        };
+        skip(&mut ahead);
+        if bytes[ahead.at.min(bytes.len())..].starts_with(b"ENDSEC") {
             return true;
         }
         if ahead.peek() != Some(b'#') {
@@ -281,9 +301,7 @@ impl Scanner<'_> {
         if ahead.digits().is_none() {
             return false;
         }
-        while ahead.peek().is_some_and(|byte| byte == b' ' || byte == b'\t') {
-            ahead.at += 1;
-        }
+        skip(&mut ahead);
         ahead.peek() == Some(b'=')
     }
 
@@ -335,45 +353,97 @@ impl Scanner<'_> {
 
     fn anchor(&mut self) {
         let start = self.text.at;
-        let name = self.text.value();
-        let value = self.text.expect(b'=').and_then(|()| self.text.value().map(Value::into_owned));
-        match (name, value) {
-            (Ok(Value::Resource(name)), Ok(value)) => self.out.anchors.push(Anchor {
-                name: name.into_owned(),
-                value,
-                offset: start,
-            }),
-            (_, value) => {
-                let offset = value.err().map_or(start, |fault| fault.offset);
-                self.out
-                    .problems
-                    .add("anchor", offset, || "an anchor cannot be read: expected <name>=value;".into());
+        match self.anchor_entry(start) {
+            Ok(anchor) => self.out.anchors.push(anchor),
+            Err(fault) => {
+                let message = || format!("an anchor cannot be read, expected <name>=value;: {}", fault.message);
+                self.out.problems.add("anchor", fault.offset, message);
+                self.text.at = fault.offset.max(start + 1);
+                self.skip_entry();
             }
         }
-        self.skip_entry(); // tags `{..}` are kept in the bytes and not interpreted
+    }
+
+    fn anchor_entry(&mut self, offset: usize) -> Result<Anchor, Fault> {
+        let Value::Resource(name) = self.text.value()? else {
+            return self.text.fault("anchor", "the name stands in no angle brackets");
+        };
+        self.text.expect(b'=')?;
+        Ok(Anchor {
+            name: name.into_owned(),
+            value: self.text.value()?.into_owned(),
+            tags: self.tags()?,
+            offset,
+        })
+    }
+
+    /// `{name:value}` as often as it stands there, and the semicolon.
+    fn tags(&mut self) -> Result<Vec<(String, Value<'static>)>, Fault> {
+        let mut tags = Vec::new();
+        loop {
+            self.text.skip_blanks();
+            if self.text.peek() != Some(b'{') {
+                self.text.expect(b';')?;
+                return Ok(tags);
+            }
+            self.text.at += 1;
+            self.text.skip_blanks();
+            let start = self.text.at;
+            let colon = self.text.bytes[start..].iter().take(1000).position(|&byte| byte == b':');
+            let Some(length) = colon else {
+                return self.text.fault("tag", "a tag is written {name:value}");
+            };
+            let name = String::from_utf8_lossy(&self.text.bytes[start..start + length])
+                .trim()
+                .to_owned();
+            self.text.at = start + length + 1;
+            let value = self.text.value()?.into_owned();
+            self.text.expect(b'}')?;
+            tags.push((name, value));
+        }
     }
 
     fn external(&mut self) {
         let start = self.text.at;
-        let name = self.text.value();
-        let uri = self.text.expect(b'=').and_then(|()| self.text.value());
-        match (name, uri) {
-            (Ok(Value::Reference(id)), Ok(Value::Resource(uri))) => {
-                self.out.highest_id = self.out.highest_id.max(id);
-                self.out.externals.push(External {
-                    name: ExternalName::Entity(id),
-                    uri: uri.into_owned(),
-                });
+        match self.external_entry(start) {
+            Ok(external) => {
+                if let ExternalName::Entity(id) = external.name {
+                    self.out.highest_id = self.out.highest_id.max(id);
+                }
+                self.out.externals.push(external);
             }
-            (Ok(Value::ValueReference(id)), Ok(Value::Resource(uri))) => self.out.externals.push(External {
-                name: ExternalName::Value(id),
-                uri: uri.into_owned(),
-            }),
-            _ => self.out.problems.add("reference-section", start, || {
-                "a reference cannot be read: expected #1=<uri>; or @1=<uri>;".into()
-            }),
+            Err(fault) => {
+                let message = || {
+                    format!(
+                        "a reference cannot be read, expected #1=<uri>; or @1=<uri>;: {}",
+                        fault.message
+                    )
+                };
+                self.out.problems.add("reference-section", fault.offset, message);
+                self.text.at = fault.offset.max(start + 1);
+                self.skip_entry();
+            }
         }
-        self.skip_entry();
+    }
+
+    fn external_entry(&mut self, offset: usize) -> Result<External, Fault> {
+        let name = match self.text.value()? {
+            Value::Reference(id) => ExternalName::Entity(id),
+            Value::ValueReference(id) => ExternalName::Value(id),
+            _ => return self.text.fault("reference-section", "neither #1 nor @1 stands before ="),
+        };
+        self.text.expect(b'=')?;
+        let Value::Resource(uri) = self.text.value()? else {
+            return self
+                .text
+                .fault("reference-section", "what is behind = stands in no angle brackets");
+        };
+        Ok(External {
+            name,
+            uri: uri.into_owned(),
+            tags: self.tags()?,
+            offset,
+        })
     }
 
     /// To behind the next semicolon outside strings.
@@ -382,10 +452,7 @@ impl Scanner<'_> {
             self.text.at += 1;
             match byte {
                 b';' => return,
-                b'\'' => {
-                    let rest = &self.text.bytes[self.text.at..];
-                    self.text.at += rest.iter().position(|&b| b == b'\'').map_or(0, |length| length + 1);
-                }
+                b'\'' => self.text.at = string_end(self.text.bytes, self.text.at).unwrap_or(self.text.at),
                 b'\n' if self.begins_entry(self.text.at) => return,
                 _ => {}
             }
@@ -410,6 +477,7 @@ impl Scanner<'_> {
     fn instance(&mut self) {
         let start = self.text.at;
         self.text.at += 1;
+        self.text.skip_blanks();
         let Some(id) = self.text.digits() else {
             self.out
                 .problems
@@ -498,6 +566,9 @@ impl Scanner<'_> {
                 b'#' => {
                     let start = at;
                     at += 1;
+                    while bytes.get(at) == Some(&b' ') {
+                        at += 1;
+                    }
                     let mut target = 0u64;
                     let mut digits = 0;
                     while let Some(digit @ b'0'..=b'9') = bytes.get(at) {
@@ -550,17 +621,28 @@ impl Scanner<'_> {
     /// The offset behind a string's closing apostrophe, or, when it has none, where reading can go on.
     ///
     /// A string may be broken over lines, but a line that begins like an instance tells that the apostrophe was forgotten.
-    fn string_end(&self, start: usize) -> Result<usize, usize> {
+    fn string_end(&mut self, start: usize) -> Result<usize, usize> {
         let bytes = self.text.bytes;
         let mut at = start;
         loop {
             match bytes.get(at) {
-                None => return Err(bytes.len()),
-                Some(b'\'') => return Ok(at + 1),
+                None => return Err(self.behind_lost_string(start)),
+                Some(b'\'') if closes(bytes, start, at) => return Ok(at + 1),
                 Some(b'\n') if self.begins_entry(at + 1) => return Err(at + 1),
                 Some(_) => at += 1,
             }
         }
+    }
+
+    /// Where to go on when a string runs to the end of the file: files without line breaks have the next instance behind a semicolon.
+    fn behind_lost_string(&mut self, start: usize) -> usize {
+        let bytes = self.text.bytes;
+        self.lost_strings += 1;
+        if self.lost_strings > MOST_LOST_STRINGS {
+            return bytes.len();
+        }
+        let next = (start..bytes.len()).find(|&at| bytes[at] == b';' && self.begins_entry(at + 1));
+        next.map_or(bytes.len(), |at| at + 1)
     }
 
     /// Notes a reference by its difference to the user's identifier.
@@ -614,15 +696,7 @@ fn part_names(text: &[u8]) -> Vec<u8> {
                 depth = depth.saturating_sub(1);
                 parser.at += 1;
             }
-            Some(b'\'') => {
-                let rest = &text[parser.at + 1..];
-                parser.at += rest
-                    .iter()
-                    .position(|&byte| byte == b'\'')
-                    .map_or(rest.len(), |length| length + 1)
-                    + 1;
-                parser.at = parser.at.min(text.len());
-            }
+            Some(b'\'') => parser.at = string_end(text, parser.at + 1).unwrap_or(text.len()),
             Some(byte) if depth == 1 && (is_word(byte) || byte == b'!') => {
                 if !names.is_empty() {
                     names.push(b' ');

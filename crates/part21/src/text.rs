@@ -6,8 +6,9 @@ use std::fmt::Write;
 /// The text of a string literal, given the bytes between its apostrophes.
 ///
 /// Understands `''`, `\\`, `\X\hh`, `\X2\..\X0\`, `\X4\..\X0\`, `\S\c`, `\P?\` and raw UTF-8; bytes that are not UTF-8 are read as
-/// ISO 8859-1. A directive that is not well formed stays in the text as it is written. Line breaks and other control characters are
-/// no part of a string (ISO 10303-21, 6.4.3): a writer may break a long string over two lines.
+/// ISO 8859-1. The directives `\N\`, `\F\` and `\T\`, by which some systems write a new line, a new page and a tabulator, become these.
+/// A directive that is not well formed stays in the text as it is written. Line breaks and other control characters are no part of a
+/// string (ISO 10303-21, 6.4.3): a writer may break a long string over two lines.
 pub fn decode(raw: &[u8]) -> Cow<'_, str> {
     if let Ok(text) = std::str::from_utf8(raw)
         && !raw.iter().any(|&byte| byte == b'\\' || byte == b'\'' || byte < 0x20)
@@ -15,6 +16,30 @@ pub fn decode(raw: &[u8]) -> Cow<'_, str> {
         return Cow::Borrowed(text);
     }
     Cow::Owned(Decoder { raw, at: 0, page: 1 }.run())
+}
+
+/// The offset behind the apostrophe that closes a string whose text begins at `start`; `None` when the bytes end before.
+pub(crate) fn string_end(bytes: &[u8], start: usize) -> Option<usize> {
+    let mut at = start;
+    loop {
+        at += bytes[at..].iter().position(|&byte| byte == b'\'')?;
+        if !closes(bytes, start, at) {
+            at += 1;
+        } else if bytes.get(at + 1) == Some(&b'\'') {
+            at += 2;
+        } else {
+            return Some(at + 1);
+        }
+    }
+}
+
+/// Can the apostrophe at `at` close the string whose text begins at `start`?
+///
+/// It cannot when it is the character of a page directive that somebody did not double: `\S\'x` is a section sign and an x.
+pub(crate) fn closes(bytes: &[u8], start: usize, at: usize) -> bool {
+    let directive = at >= start + 3 && &bytes[at - 3..at] == b"\\S\\" && (at < start + 4 || bytes[at - 4] != b'\\');
+    let followed = bytes.get(at + 1).copied().unwrap_or(b')');
+    !directive || matches!(followed, b',' | b')' | b'\'' | b'/' | b';') || followed.is_ascii_whitespace()
 }
 
 struct Decoder<'a> {
@@ -76,7 +101,15 @@ impl Decoder<'_> {
             }
             [b'\\', b'S', b'\\', character, ..] if *character < 0x80 && *character >= 0x20 => {
                 text.push(on_page(self.page, character + 0x80));
-                self.at += 4;
+                self.at += if rest[3..].starts_with(b"''") { 5 } else { 4 };
+            }
+            [b'\\', control @ (b'N' | b'F' | b'T'), b'\\', ..] => {
+                text.push(match control {
+                    b'N' => '\n',
+                    b'F' => '\u{c}',
+                    _ => '\t',
+                });
+                self.at += 3;
             }
             [b'\\', b'P', page @ b'A'..=b'I', b'\\', ..] => {
                 self.page = usize::from(page - b'A') + 1;

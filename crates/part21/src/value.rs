@@ -24,6 +24,10 @@ pub enum Value<'a> {
     Reference(u64),
     /// `@id`, a value of the REFERENCE section (edition 3).
     ValueReference(u64),
+    /// `#NAME`, an instance that the schema names (edition 3); the name in upper case.
+    EntityConstant(Cow<'a, str>),
+    /// `@NAME`, a value that the schema names (edition 3); the name in upper case.
+    ValueConstant(Cow<'a, str>),
     /// `<uri>`, in ANCHOR sections (edition 3).
     Resource(Cow<'a, str>),
     /// `( , , )`.
@@ -154,6 +158,8 @@ impl<'a> Value<'a> {
             Value::Binary(t) => Value::Binary(own(t)),
             Value::Reference(id) => Value::Reference(id),
             Value::ValueReference(id) => Value::ValueReference(id),
+            Value::EntityConstant(t) => Value::EntityConstant(own(t)),
+            Value::ValueConstant(t) => Value::ValueConstant(own(t)),
             Value::Resource(t) => Value::Resource(own(t)),
             Value::List(values) => Value::List(own_all(values)),
             Value::Typed(keyword, values) => Value::Typed(own(keyword), own_all(values)),
@@ -182,6 +188,8 @@ impl fmt::Display for Value<'_> {
             Value::Binary(t) => write!(f, "\"{t}\""),
             Value::Reference(id) => write!(f, "#{id}"),
             Value::ValueReference(id) => write!(f, "@{id}"),
+            Value::EntityConstant(t) => write!(f, "#{t}"),
+            Value::ValueConstant(t) => write!(f, "@{t}"),
             Value::Resource(t) => write!(f, "<{t}>"),
             Value::List(values) => list(f, values),
             Value::Typed(keyword, values) => {
@@ -208,31 +216,53 @@ const DEEPEST: u32 = 100;
 pub(crate) struct Parser<'a> {
     pub(crate) bytes: &'a [u8],
     pub(crate) at: usize,
+    /// The first comment that is never closed: from it on, a comment that begins ends with its line.
+    pub(crate) unclosed_comment: Option<usize>,
     depth: u32,
 }
 
 impl<'a> Parser<'a> {
     pub(crate) fn new(bytes: &'a [u8], at: usize) -> Self {
-        Self { bytes, at, depth: 0 }
+        Self {
+            bytes,
+            at,
+            unclosed_comment: None,
+            depth: 0,
+        }
     }
 
     pub(crate) fn peek(&self) -> Option<u8> {
         self.bytes.get(self.at).copied()
     }
 
-    /// Skips blanks and comments; an unclosed comment ends the text.
+    /// Skips blanks, comments, and the print directives `\N\` and `\F\`, which separate tokens as blanks do.
+    ///
+    /// A comment that is never closed takes its line only: what follows may still be read.
     pub(crate) fn skip_blanks(&mut self) {
         loop {
             match self.peek() {
                 Some(byte) if byte.is_ascii_whitespace() || byte == 0x0b => self.at += 1,
-                Some(b'/') if self.bytes.get(self.at + 1) == Some(&b'*') => {
-                    let rest = &self.bytes[self.at + 2..];
-                    let end = rest.windows(2).position(|pair| pair == b"*/");
-                    self.at = end.map_or(self.bytes.len(), |end| self.at + 2 + end + 2);
-                }
+                Some(b'/') if self.bytes.get(self.at + 1) == Some(&b'*') => self.skip_comment(),
+                Some(b'\\') if matches!(self.bytes[self.at..], [b'\\', b'N' | b'F', b'\\', ..]) => self.at += 3,
                 _ => return,
             }
         }
+    }
+
+    /// Skips the comment at the cursor.
+    fn skip_comment(&mut self) {
+        let start = self.at;
+        let inside = &self.bytes[start + 2..];
+        // One search finds that there is no end; the others need not look again.
+        if self.unclosed_comment.is_none_or(|first| start < first) {
+            if let Some(length) = inside.windows(2).position(|pair| pair == b"*/") {
+                self.at = start + 2 + length + 2;
+                return;
+            }
+            self.unclosed_comment = Some(start);
+        }
+        let line = inside.iter().position(|&byte| byte == b'\n').unwrap_or(inside.len());
+        self.at = start + 2 + line;
     }
 
     pub(crate) fn fault<T>(&self, code: &'static str, message: impl Into<String>) -> Result<T, Fault> {
@@ -356,10 +386,17 @@ impl<'a> Parser<'a> {
             }
             b'#' | b'@' => {
                 self.at += 1;
+                self.skip_blanks(); // seen between # and its number
+                if self.peek().is_some_and(|next| next.is_ascii_alphabetic()) {
+                    let name = self.keyword();
+                    return Ok(match byte {
+                        b'#' => Value::EntityConstant(name),
+                        _ => Value::ValueConstant(name),
+                    });
+                }
                 match self.digits() {
                     Some(id) if byte == b'#' => Ok(Value::Reference(id)),
                     Some(id) => Ok(Value::ValueReference(id)),
-                    // Edition 3 allows constants by name (#NAME); no schema of ours uses them.
                     None => self.fault("reference", "a reference needs a number below 2^64"),
                 }
             }
@@ -398,19 +435,11 @@ impl<'a> Parser<'a> {
 
     fn string(&mut self) -> Result<Value<'a>, Fault> {
         let start = self.at + 1;
-        let mut end = start;
-        loop {
-            match self.bytes[end..].iter().position(|&byte| byte == b'\'') {
-                None => return self.fault("unterminated-string", "a string is not closed"),
-                Some(length) => end += length,
-            }
-            if self.bytes.get(end + 1) != Some(&b'\'') {
-                break;
-            }
-            end += 2;
-        }
-        self.at = end + 1;
-        Ok(Value::String(text::decode(&self.bytes[start..end])))
+        let Some(end) = text::string_end(self.bytes, start) else {
+            return self.fault("unterminated-string", "a string is not closed");
+        };
+        self.at = end;
+        Ok(Value::String(text::decode(&self.bytes[start..end - 1])))
     }
 
     fn number(&mut self) -> Result<Value<'a>, Fault> {
