@@ -75,6 +75,9 @@ pub enum Command {
     Check(ProgramArgs),
     /// The tree of a STEP-NC or G-code file; --json gives it whole.
     Inspect(InspectArgs),
+    /// Change single things of a STEP-NC file and leave every other byte of it as it is.
+    #[command(after_help = EDIT_HELP)]
+    Edit(EditArgs),
     /// Work with macro programs.
     #[command(subcommand)]
     Macro(MacroCommand),
@@ -254,6 +257,47 @@ pub struct InspectArgs {
     /// Only what is wrong or odd in the file.
     #[arg(long)]
     pub problems: bool,
+}
+
+const EDIT_HELP: &str = "\
+P is #id, or names joined by / that end at the part: 'WS 1 face', 'PLATE MAIN/WS 1 face/face pass 1'. In a name \\/ is a slash; [2]
+picks the second of equals. When a path could mean several parts, they are listed and nothing is written (exit 2).
+Changes are made in the order in which they are given. No change gives the same bytes; a change and its opposite give them back. A
+signed file that is changed loses its signature, and that is said. What others still use stays when a part is deleted.
+  toolmark edit plate.stpnc --out plate2.stpnc --disable 'WS 4 deburr' --feed 'WS 2 pocket=900'
+  toolmark edit plate.stpnc --out plate2.stpnc --insert 'WS 1 face' 'trace:1 get_time' --move 'WS 3 drill=WS 2 pocket'
+  toolmark edit plate.stpnc --out plate2.stpnc --insert 'WS 1 face' 'workplan: HOLES' --move 'WS 3 drill=HOLES/'";
+
+/// `toolmark edit`
+#[derive(Debug, Args)]
+pub struct EditArgs {
+    /// The STEP-NC file.
+    pub program: PathBuf,
+    /// Where the changed file goes.
+    #[arg(long, value_name = "F")]
+    pub out: PathBuf,
+    /// Let it be executed.
+    #[arg(long, value_name = "P")]
+    pub enable: Vec<String>,
+    /// Let it not be executed, nor anything below it.
+    #[arg(long, value_name = "P")]
+    pub disable: Vec<String>,
+    /// Feed of a toolpath, or of all feed paths of a workingstep (their own multipliers still count), mm/min.
+    #[arg(long, value_name = "P=MM_MIN")]
+    pub feed: Vec<String>,
+    /// Put an NC function before it: the text of an extended function, or `message: TEXT`, `program stop`, `optional stop`; or an empty
+    /// workplan, `workplan: NAME`. `P/` is the end of a workplan.
+    #[arg(long, value_names = ["P", "TEXT"], num_args = 2)]
+    pub insert: Vec<String>,
+    /// Take it out, with what only it used.
+    #[arg(long, value_name = "P")]
+    pub delete: Vec<String>,
+    /// Put the first before the second; `P=Q/` puts it at the end of workplan or workingstep Q.
+    #[arg(long = "move", value_name = "P=P")]
+    pub moves: Vec<String>,
+    /// Another name.
+    #[arg(long, value_name = "P=NAME")]
+    pub rename: Vec<String>,
 }
 
 /// `toolmark plan`

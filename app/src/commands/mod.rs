@@ -4,6 +4,7 @@ pub mod backup;
 pub mod check;
 pub mod compare;
 pub mod demo;
+pub mod edit;
 pub mod hold;
 pub mod inspect;
 pub mod macro_run;

@@ -31,6 +31,14 @@ pub enum EditError {
         /// The parameter asked for, from 0.
         parameter: usize,
     },
+    /// There is no such parameter.
+    #[error("#{id} has no parameter {parameter} that could be set")]
+    NoParameter {
+        /// The instance.
+        id: u64,
+        /// The parameter asked for, from 0.
+        parameter: usize,
+    },
     /// Identifiers are used up.
     #[error("no identifier is left above #{0}")]
     NoIdentifier(u64),
@@ -72,8 +80,56 @@ impl<'f> Edits<'f> {
     pub fn replace(&mut self, row: Row, body: &str) -> Result<(), EditError> {
         check(body)?;
         let span = self.file.span(row);
+        self.forget(&span);
         self.put(span, format!("#{}={body};", self.file.id(row)));
         Ok(())
+    }
+
+    /// Sets one parameter of an instance and leaves every other byte of it as it was; `part` names the part of a complex instance,
+    /// `literal` is written as it is.
+    ///
+    /// # Errors
+    /// When there is no such parameter, or `literal` is no value.
+    pub fn set_parameter(&mut self, row: Row, part: Option<&str>, parameter: usize, literal: &str) -> Result<(), EditError> {
+        check(&format!("X({literal})"))?;
+        let span = self.parameter_span(row, part, parameter).ok_or(EditError::NoParameter {
+            id: self.file.id(row),
+            parameter,
+        })?;
+        self.put(span, literal.into());
+        Ok(())
+    }
+
+    /// A parameter of an instance as the file spells it; changes that are not saved yet do not show.
+    pub fn parameter(&self, row: Row, part: Option<&str>, parameter: usize) -> Option<&'f str> {
+        std::str::from_utf8(&self.file.bytes()[self.parameter_span(row, part, parameter)?]).ok()
+    }
+
+    fn parameter_span(&self, row: Row, part: Option<&str>, parameter: usize) -> Option<Range<usize>> {
+        let mut parser = Parser::new(self.file.bytes(), self.file.span(row).start);
+        parser.expect(b'#').ok()?;
+        parser.digits()?;
+        parser.expect(b'=').ok()?;
+        parser.skip_blanks();
+        match part {
+            None => {
+                parser.keyword();
+            }
+            Some(wanted) => {
+                parser.expect(b'(').ok()?;
+                loop {
+                    parser.skip_blanks();
+                    let keyword = parser.keyword();
+                    if keyword == wanted {
+                        break;
+                    }
+                    parser.expect(b'(').ok()?;
+                    parser.list().ok()?;
+                }
+            }
+        }
+        parser.expect(b'(').ok()?;
+        nth_value(&mut parser, parameter)
     }
 
     /// Takes an instance out, with its line when it has one of its own. Who refers to it is the caller's business.
@@ -90,8 +146,7 @@ impl<'f> Edits<'f> {
         if line_starts {
             span.end += newline;
         }
-        // A replacement of the same instance may have been asked for before.
-        self.changes.remove(&span.start);
+        self.forget(&span);
         self.put(span, String::new());
     }
 
@@ -131,17 +186,9 @@ impl<'f> Edits<'f> {
         let mut parser = Parser::new(self.file.bytes(), entry.span.start);
         parser.keyword();
         parser.expect(b'(').map_err(|_| missing())?;
-        for n in 0.. {
-            parser.skip_blanks();
-            let start = parser.at;
-            parser.value().map_err(|_| missing())?;
-            if n == parameter {
-                self.put(start..parser.at, literal.into());
-                return Ok(());
-            }
-            parser.expect(b',').map_err(|_| missing())?;
-        }
-        Err(missing())
+        let span = nth_value(&mut parser, parameter).ok_or_else(missing)?;
+        self.put(span, literal.into());
+        Ok(())
     }
 
     /// True when saving would give other bytes.
@@ -190,13 +237,23 @@ impl<'f> Edits<'f> {
         Ok(Saved { bytes: out, notices })
     }
 
+    /// Changes inside of `span` that were asked for before.
+    fn forget(&mut self, span: &Range<usize>) {
+        self.changes.retain(|start, _| !span.contains(start));
+    }
+
     fn put(&mut self, span: Range<usize>, text: String) {
         self.changes.insert(span.start, (span.end, text));
     }
 
-    /// The line end that the file uses.
+    /// What follows an appended instance: the line end that the file uses; nothing when its ENDSEC begins no line, so that taking the
+    /// instance out again leaves no trace.
     fn newline(&self) -> &'static str {
         let bytes = self.file.bytes();
+        let end = self.file.data_sections().last().and_then(|section| section.end);
+        if end.is_some_and(|end| end > 0 && bytes[end - 1] != b'\n') {
+            return "";
+        }
         match bytes.iter().position(|&byte| byte == b'\n') {
             Some(place) if place > 0 && bytes[place - 1] == b'\r' => "\r\n",
             _ => "\n",
@@ -215,6 +272,20 @@ impl From<EditError> for Problem {
             count: 1,
         }
     }
+}
+
+/// Where the `n`-th value of the list at the parser stands; its `(` is read.
+fn nth_value(parser: &mut Parser, n: usize) -> Option<Range<usize>> {
+    for at in 0.. {
+        parser.skip_blanks();
+        let start = parser.at;
+        parser.value().ok()?;
+        if at == n {
+            return Some(start..parser.at);
+        }
+        parser.expect(b',').ok()?;
+    }
+    None
 }
 
 fn check(body: &str) -> Result<(), EditError> {

@@ -1,15 +1,25 @@
 //! Small changes to a program that leave the rest of the file as it is: [`ProgramEdits`].
 //!
 //! Property instances and representations are often shared. A change for one owner never touches what another uses: it makes new
-//! instances and redirects the one link that is the owner's own.
+//! instances and redirects the one link that is the owner's own. What is the owner's alone is changed where it stands, byte by byte, and
+//! a change that is taken back gives the bytes from before: the header keeps its time stamp, and what an earlier change has added to the
+//! end of the file goes again.
+//!
+//! Read on: `places` for moving and putting between, `feeds` for feeds, `owners` for what goes when a part is deleted.
 
-use crate::date::Civil;
-use crate::model::{ExecutableKind, Program, ToolpathKind};
-use crate::select::Part;
-use part21::text::{encode, real};
-use part21::{EditError, Edits, Saved, Value};
+mod feeds;
+mod owners;
+mod places;
+
+use crate::model::{ExecutableKind, Program};
+use crate::select::{Part, Spot};
+use owners::Removal;
+use part21::text::encode;
+use part21::{EditError, Edits, Saved};
+use places::SEQUENCE;
 use std::collections::BTreeMap;
-use units::{MmPerSec, Timestamp};
+
+pub use places::Target;
 
 /// Why a part of a program cannot be changed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -30,24 +40,50 @@ pub enum ChangeError {
     },
 }
 
+/// What can be put between the executables of a workplan.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Insert {
+    /// An extended NC function with this text: `trace:1 ...`.
+    Function(String),
+    /// A text for the operator.
+    Message(String),
+    /// The machine waits for cycle start.
+    ProgramStop,
+    /// The same, when the optional-stop switch is on.
+    OptionalStop,
+    /// An empty workplan of this name, to move things into.
+    Workplan(String),
+}
+
+impl Insert {
+    /// What a person writes: `message: TEXT`, `program stop`, `optional stop`, `workplan: NAME`; anything else is the text of an
+    /// extended function.
+    pub fn from_text(text: &str) -> Insert {
+        if let Some(message) = text.strip_prefix("message:") {
+            return Insert::Message(message.trim().to_string());
+        }
+        if let Some(name) = text.strip_prefix("workplan:") {
+            return Insert::Workplan(name.trim().to_string());
+        }
+        match text.trim() {
+            "program stop" => Insert::ProgramStop,
+            "optional stop" => Insert::OptionalStop,
+            _ => Insert::Function(text.to_string()),
+        }
+    }
+}
+
 /// Changes to a program, not yet written.
+///
+/// Each change is made against the file as it was read; for a change that builds on another one, save and read in between.
 pub struct ProgramEdits<'p> {
     program: &'p Program,
     edits: Edits<'p>,
     /// Technologies with a new feed, by the old one and the feed's bits.
     technologies: BTreeMap<(u64, u64), u64>,
-}
-
-const SEQUENCE: &str = "MACHINING_PROCESS_SEQUENCE_RELATIONSHIP";
-const TOOLPATHS: &str = "MACHINING_TOOLPATH_SEQUENCE_RELATIONSHIP";
-const TECHNOLOGY: &str = "MACHINING_TECHNOLOGY_RELATIONSHIP";
-
-/// The link that puts a part at its place.
-struct Place {
-    relationship: u64,
-    keyword: &'static str,
-    parent: u64,
-    sequence: f64,
+    /// The context of representations without units, when one had to be made.
+    context: Option<u64>,
+    notices: Vec<String>,
 }
 
 impl<'p> ProgramEdits<'p> {
@@ -57,6 +93,8 @@ impl<'p> ProgramEdits<'p> {
             program,
             edits: Edits::new(program.file()),
             technologies: BTreeMap::new(),
+            context: None,
+            notices: Vec::new(),
         }
     }
 
@@ -72,17 +110,50 @@ impl<'p> ProgramEdits<'p> {
                 "disable its workingstep, or delete it",
             );
         };
-        let links = self.program.aim().links(id);
-        let property = links.properties.iter().find(|property| property.0 == "enabled");
-        if property.is_none() && enabled {
+        if self
+            .program
+            .executable(id)
+            .is_some_and(|executable| executable.enabled == enabled)
+        {
             return Ok(());
         }
         let word = if enabled { "enabled" } else { "disabled" };
-        let representation = self.describe(word)?;
-        match property {
-            Some((_, _, property)) => self.redirect(*property, representation),
-            None => self.property(id, "enabled", representation),
+        let aim = self.program.aim();
+        let links = aim.links(id);
+        let Some((_, representation, property)) = links.properties.iter().find(|property| property.0 == "enabled") else {
+            let representation = self.describe(word)?;
+            return self.property(id, "enabled", representation);
+        };
+        // What an earlier change has added goes again: absent is enabled.
+        let mut whole = Removal::new(aim);
+        whole.take_out(*property);
+        whole.settle();
+        if enabled && whole.is_newest() {
+            return self.remove(&whole);
         }
+        let Some((link, _)) = aim.users_by(*property, "ACTION_PROPERTY_REPRESENTATION", 2).next() else {
+            return Ok(());
+        };
+        let mut without = Removal::new(aim);
+        without.unlink(link, *representation);
+        without.settle();
+        let items = aim
+            .representation(*representation)
+            .map(|found| found.items)
+            .unwrap_or_default();
+        let alone = without.takes(*representation) && items.iter().all(|&item| without.takes(item));
+        if alone && !without.is_newest() {
+            if let [item] = items[..]
+                && aim.keyword(item) == "DESCRIPTIVE_REPRESENTATION_ITEM"
+            {
+                return self.set(item, 1, &encode(word));
+            }
+        } else if let Some(other) = self.saying(word, *representation) {
+            self.set(link, 3, &format!("#{other}"))?;
+            return if alone { self.remove(&without) } else { Ok(()) };
+        }
+        let other = self.describe(word)?;
+        self.set(link, 3, &format!("#{other}"))
     }
 
     /// Gives a part another name.
@@ -91,18 +162,50 @@ impl<'p> ProgramEdits<'p> {
     /// When the instance is not one of those with a name first.
     pub fn rename(&mut self, part: Part, name: &str) -> Result<(), ChangeError> {
         let id = part.id();
-        let name = Value::String(name.to_string().into());
-        self.rewrite(id, &[(0, name)])
+        let old = self.program.aim().instance(id).ok();
+        if old.is_some_and(|old| old.argument(0).text() == Some(name)) {
+            return Ok(());
+        }
+        self.set(id, 0, &encode(name))
     }
 
-    /// Takes a part out of its place. The part itself stays in the file, executed by nobody.
+    /// Takes a part out of its place, and out of the file when nobody else refers to it: with its properties, toolpaths, technologies
+    /// and tools as far as they are its alone. Shapes and features stay.
     ///
     /// # Errors
-    /// When it has no place in a workplan or operation.
-    pub fn delete(&mut self, part: Part) -> Result<(), ChangeError> {
-        let place = self.place(part)?;
-        if let Some(row) = self.program.file().row(place.relationship) {
-            self.edits.delete(row);
+    /// When it has no place, or its place must not be empty.
+    pub fn delete(&mut self, from: impl Into<Spot>) -> Result<(), ChangeError> {
+        let spot = from.into();
+        let place = self.place(spot)?;
+        let around = self.program.executable(place.parent).map(|around| &around.kind);
+        if let Some(ExecutableKind::If { .. } | ExecutableKind::While { .. }) = around {
+            return unfit(spot.part, "what an if or while statement does", "delete the statement itself");
+        }
+        let mut removal = Removal::new(self.program.aim());
+        removal.take_out(place.relationship);
+        removal.settle();
+        let id = spot.part.id();
+        match removal.holder(id).filter(|_| !removal.takes(id)) {
+            Some(0) => self.notices.push(format!(
+                "#{id} is no longer executed here and stays in the file: an anchor names it for other files"
+            )),
+            Some(user) => self.notices.push(format!(
+                "#{id} is no longer executed here and stays in the file: #{user} ({}) refers to it",
+                self.program.aim().keyword(user)
+            )),
+            None => {}
+        }
+        self.remove(&removal)?;
+        let left = self.in_order(place.parent, place.keyword).len() - 1;
+        let least = match around {
+            Some(ExecutableKind::Selective(_) | ExecutableKind::Parallel(_) | ExecutableKind::NonSequential(_)) => 2,
+            _ => 1,
+        };
+        if left < least {
+            self.notices.push(format!(
+                "#{} has {left} left in it; ISO 10303-238 asks for at least {least}",
+                place.parent
+            ));
         }
         Ok(())
     }
@@ -110,84 +213,56 @@ impl<'p> ProgramEdits<'p> {
     /// Puts a part before another one of its kind.
     ///
     /// # Errors
-    /// When one of them has no place in a workplan or operation, or they are of different kinds.
-    pub fn move_before(&mut self, part: Part, other: Part) -> Result<(), ChangeError> {
-        let (from, to) = (self.place(part)?, self.place(other)?);
-        if from.keyword != to.keyword {
-            return unfit(
-                part,
-                "of another kind than its new neighbour",
-                "move workingsteps among workingsteps, toolpaths among toolpaths",
-            );
-        }
-        let sequence = self.before(&to);
-        let changes = [(2, Value::Reference(to.parent)), (4, Value::Real(sequence))];
-        self.rewrite(from.relationship, &changes)
+    /// As for [`ProgramEdits::move_to`].
+    pub fn move_before(&mut self, part: impl Into<Spot>, other: impl Into<Spot>) -> Result<(), ChangeError> {
+        self.move_to(part.into(), Target::Before(other.into()))
     }
 
     /// Puts an extended NC function with this text (`trace:1 ...`) before an executable; the answer is the function's instance.
     ///
     /// # Errors
-    /// When the executable has no place in a workplan: functions never stand between toolpaths.
-    pub fn insert_function(&mut self, part: Part, name: &str, text: &str) -> Result<u64, ChangeError> {
-        if let Part::Toolpath(_) = part {
+    /// As for [`ProgramEdits::insert`].
+    pub fn insert_function(&mut self, part: impl Into<Spot>, name: &str, text: &str) -> Result<u64, ChangeError> {
+        self.insert(Target::Before(part.into()), name, &Insert::Function(text.to_string()))
+    }
+
+    /// Puts something new between executables; the answer is its instance.
+    ///
+    /// # Errors
+    /// When the target has no place in a workplan: functions never stand between toolpaths.
+    pub fn insert(&mut self, at: Target, name: &str, what: &Insert) -> Result<u64, ChangeError> {
+        if let Target::Before(Spot {
+            part: part @ Part::Toolpath(_),
+            ..
+        }) = at
+        {
             return unfit(
                 part,
                 "a toolpath; functions stand between workingsteps only",
                 "insert before its workingstep",
             );
         }
-        let place = self.place(part)?;
-        let sequence = self.before(&place);
-        let function = self
-            .edits
-            .append(&format!("MACHINING_NC_FUNCTION({},'extended function','','')", encode(name)))?;
-        let representation = self.describe(text)?;
-        self.property(function, "description", representation)?;
-        self.edits
-            .append(&format!("{SEQUENCE}('','',#{},#{function},{})", place.parent, real(sequence)))?;
-        Ok(function)
-    }
-
-    /// Sets the feed of a toolpath, or of all feed paths of a workingstep.
-    ///
-    /// # Errors
-    /// For anything else, and for rapid paths and dwells.
-    pub fn set_feed(&mut self, part: Part, feed: MmPerSec) -> Result<(), ChangeError> {
-        let program = self.program;
-        match part {
-            Part::Toolpath(id) => {
-                let path = program.toolpath(id);
-                if path.kind != ToolpathKind::Feed {
-                    return unfit(part, "a rapid path or a dwell, which has no feed", "choose a path that cuts");
-                }
-                let around = program.file().inverse(id).iter().find_map(|&row| {
-                    let relationship = program.file().instance(row).ok()?;
-                    let operation = relationship.argument(2).reference()?;
-                    (program.file().is(row, TOOLPATHS))
-                        .then(|| program.operation(operation)?.technology)
-                        .flatten()
-                });
-                self.feed_of(id, path.technology, path.technology.or(around), feed)
-            }
-            Part::Executable(id) => {
-                let operation = program.executable(id).and_then(|executable| match executable.kind {
-                    ExecutableKind::Workingstep { operation, .. } => program.operation(operation?),
-                    _ => None,
-                });
-                let Some(operation) = operation else {
-                    return unfit(part, "no workingstep with an operation", "choose a workingstep or a toolpath");
-                };
-                self.feed_of(operation.id, operation.technology, operation.technology, feed)?;
-                for &path in &operation.toolpaths {
-                    let path = program.toolpath(path);
-                    if path.kind == ToolpathKind::Feed && path.technology.is_some() {
-                        self.feed_of(path.id, path.technology, path.technology, feed)?;
-                    }
-                }
-                Ok(())
-            }
+        let (parent, before) = self.target(Part::Executable(0), at)?;
+        let sequence = self.number_before(parent, SEQUENCE, before)?;
+        let (kind, texts) = match what {
+            Insert::Function(text) => ("extended function", Some(("description", text))),
+            Insert::Message(text) => ("display message", Some(("message text", text))),
+            Insert::ProgramStop => ("program stop", None),
+            Insert::OptionalStop => ("optional stop", None),
+            Insert::Workplan(_) => ("", None),
+        };
+        let id = match what {
+            Insert::Workplan(name) => self.edits.append(&format!("MACHINING_WORKPLAN({},'','','')", encode(name)))?,
+            _ => self
+                .edits
+                .append(&format!("MACHINING_NC_FUNCTION({},'{kind}','','')", encode(name)))?,
+        };
+        if let Some((property, text)) = texts {
+            let representation = self.describe(text)?;
+            self.property(id, property, representation)?;
         }
+        self.edits.append(&format!("{SEQUENCE}('','',#{parent},#{id},{sequence})"))?;
+        Ok(id)
     }
 
     /// True when saving would give other bytes.
@@ -195,79 +270,50 @@ impl<'p> ProgramEdits<'p> {
         self.edits.is_changed()
     }
 
-    /// The bytes with the changes, the header's time stamp set to `written`; without changes the very bytes that were read.
+    /// The bytes with the changes; without changes the very bytes that were read. The header stays as it is, so that what was changed
+    /// and changed back is the same file.
     ///
     /// # Errors
     /// When there are new instances and the file has no end of its data.
-    pub fn save(mut self, written: Timestamp) -> Result<Saved, ChangeError> {
-        if self.edits.is_changed() {
-            // A header without a time stamp stays without one.
-            let _ = self.edits.set_header("FILE_NAME", 1, &encode(&Civil::of(written).rfc_3339()));
-        }
-        Ok(self.edits.save()?)
+    pub fn save(self) -> Result<Saved, ChangeError> {
+        let mut saved = self.edits.save()?;
+        saved.notices.splice(0..0, self.notices);
+        Ok(saved)
     }
 
-    /// Gives `owner` a technology with this feed: everything else as in `like`.
-    fn feed_of(&mut self, owner: u64, own: Option<u64>, like: Option<u64>, feed: MmPerSec) -> Result<(), ChangeError> {
-        let key = (like.unwrap_or(0), feed.0.to_bits());
-        let technology = match self.technologies.get(&key) {
-            Some(&id) => id,
-            None => {
-                let id = self.technology(like, feed)?;
-                self.technologies.insert(key, id);
-                id
-            }
-        };
+    /// A representation that says a word, and is no other part's alone.
+    fn saying(&self, word: &str, but: u64) -> Option<u64> {
         let aim = self.program.aim();
-        let relation = aim
-            .links(owner)
-            .relations
-            .into_iter()
-            .find(|relation| relation.keyword == TECHNOLOGY);
-        match (own, relation) {
-            (Some(_), Some(relation)) => self.rewrite(relation.id, &[(3, Value::Reference(technology))]),
-            _ => {
-                self.edits.append(&format!("{TECHNOLOGY}('','',#{owner},#{technology})"))?;
-                Ok(())
-            }
-        }
-    }
-
-    fn technology(&mut self, like: Option<u64>, feed: MmPerSec) -> Result<u64, ChangeError> {
-        let aim = self.program.aim();
-        let description = like.and_then(|id| aim.instance(id).ok());
-        let description = description.map_or("milling".to_string(), |old| crate::aim::text(old.argument(1)).into_owned());
-        let id = self
-            .edits
-            .append(&format!("MACHINING_TECHNOLOGY('',{},'','')", encode(&description)))?;
-        let kept = like.map(|like| aim.links(like).properties).unwrap_or_default();
-        for (name, representation, _) in kept.into_iter().filter(|property| property.0 != "feedrate") {
-            self.property(id, &name, representation)?;
-        }
-        // A unit of its own: whether the file's feeds are per minute or in inches does not matter then.
-        let millimetre = self.edits.append("(LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.))")?;
-        let second = self.edits.append("(NAMED_UNIT(*) SI_UNIT($,.SECOND.) TIME_UNIT())")?;
-        let above = self.edits.append(&format!("DERIVED_UNIT_ELEMENT(#{millimetre},1.)"))?;
-        let below = self.edits.append(&format!("DERIVED_UNIT_ELEMENT(#{second},-1.)"))?;
-        let unit = self.edits.append(&format!("DERIVED_UNIT((#{above},#{below}))"))?;
-        let item = self.edits.append(&format!(
-            "MEASURE_REPRESENTATION_ITEM('feed speed',NUMERIC_MEASURE({}),#{unit})",
-            real(feed.0)
-        ))?;
-        let context = self.edits.append("REPRESENTATION_CONTEXT('','units not necessary')")?;
-        let representation = self.edits.append(&format!(
-            "MACHINING_FEED_SPEED_REPRESENTATION('feed speed',(#{item}),#{context})"
-        ))?;
-        self.property(id, "feedrate", representation)?;
-        Ok(id)
+        aim.file.by_keyword("REPRESENTATION").map(|row| aim.file.id(row)).find(|&id| {
+            let Ok(found) = aim.representation(id) else { return false };
+            id != but
+                && aim.keyword(id) == "REPRESENTATION"
+                && matches!(found.items[..], [item] if aim.keyword(item) == "DESCRIPTIVE_REPRESENTATION_ITEM"
+                    && aim.description(item).as_deref() == Some(word))
+        })
     }
 
     fn describe(&mut self, text: &str) -> Result<u64, ChangeError> {
         let item = self
             .edits
             .append(&format!("DESCRIPTIVE_REPRESENTATION_ITEM('',{})", encode(text)))?;
-        let context = self.edits.append("REPRESENTATION_CONTEXT('','units not necessary')")?;
+        let context = self.context()?;
         Ok(self.edits.append(&format!("REPRESENTATION('',(#{item}),#{context})"))?)
+    }
+
+    /// The context of representations without units: the file's, or a new one.
+    fn context(&mut self) -> Result<u64, ChangeError> {
+        let file = self.program.file();
+        let known = file
+            .by_keyword("REPRESENTATION_CONTEXT")
+            .find(|&row| file.keyword(row) == "REPRESENTATION_CONTEXT")
+            .map(|row| file.id(row));
+        let id = match known.or(self.context) {
+            Some(id) => id,
+            None => self.edits.append("REPRESENTATION_CONTEXT('','units not necessary')")?,
+        };
+        self.context = Some(id);
+        Ok(id)
     }
 
     fn property(&mut self, owner: u64, name: &str, representation: u64) -> Result<(), ChangeError> {
@@ -276,91 +322,6 @@ impl<'p> ProgramEdits<'p> {
             "ACTION_PROPERTY_REPRESENTATION('','',#{property},#{representation})"
         ))?;
         Ok(())
-    }
-
-    /// Lets a property show another representation.
-    fn redirect(&mut self, property: u64, representation: u64) -> Result<(), ChangeError> {
-        let aim = self.program.aim();
-        let links: Vec<u64> = aim
-            .users_by(property, "ACTION_PROPERTY_REPRESENTATION", 2)
-            .map(|(id, _)| id)
-            .collect();
-        for link in links {
-            self.rewrite(link, &[(3, Value::Reference(representation))])?;
-        }
-        Ok(())
-    }
-
-    /// Writes an instance again with some parameters changed.
-    fn rewrite(&mut self, id: u64, changes: &[(usize, Value<'_>)]) -> Result<(), ChangeError> {
-        let unreadable = ChangeError::Unfit {
-            id,
-            what: "not a simple instance that can be read",
-            instead: "repair the file first",
-        };
-        let Some(row) = self.program.file().row(id) else {
-            return Err(unreadable);
-        };
-        let Ok(part21::Instance::Simple(mut record)) = self.program.file().instance(row) else {
-            return Err(unreadable);
-        };
-        for (place, value) in changes {
-            match record.arguments.get_mut(*place) {
-                Some(argument) => *argument = value.clone(),
-                None => return Err(unreadable),
-            }
-        }
-        let arguments: Vec<String> = record.arguments.iter().map(Value::to_string).collect();
-        self.edits
-            .replace(row, &format!("{}({})", record.keyword, arguments.join(",")))?;
-        Ok(())
-    }
-
-    fn place(&self, part: Part) -> Result<Place, ChangeError> {
-        let keyword = match part {
-            Part::Executable(_) => SEQUENCE,
-            Part::Toolpath(_) => TOOLPATHS,
-        };
-        let file = self.program.file();
-        let found = file.inverse(part.id()).iter().find_map(|&row| {
-            if !file.is(row, keyword) {
-                return None;
-            }
-            let relationship = file.instance(row).ok()?;
-            (relationship.argument(3).reference() == Some(part.id())).then_some(())?;
-            Some(Place {
-                relationship: file.id(row),
-                keyword,
-                parent: relationship.argument(2).reference()?,
-                sequence: relationship.argument(4).number()?,
-            })
-        });
-        match found {
-            Some(place) => Ok(place),
-            None => unfit(
-                part,
-                "not in an ordered place of a workplan or operation",
-                "choose a child of a workplan, or a toolpath",
-            ),
-        }
-    }
-
-    /// A sequence number between a place and the one before it.
-    fn before(&self, place: &Place) -> f64 {
-        let links = self.program.aim().links(place.parent);
-        let numbers = links
-            .relations
-            .iter()
-            .filter(|relation| relation.keyword == place.keyword)
-            .filter_map(|relation| relation.sequence);
-        let previous = numbers
-            .filter(|number| *number < place.sequence)
-            .fold(f64::NEG_INFINITY, f64::max);
-        if previous.is_finite() {
-            (previous + place.sequence) / 2.0
-        } else {
-            place.sequence - 1.0
-        }
     }
 }
 

@@ -23,6 +23,17 @@ impl Part {
     }
 }
 
+/// A part where it stands: what is executed at several places is one part with several of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Spot {
+    /// The part.
+    pub part: Part,
+    /// What it stands in: an executable, or the operation of a toolpath; `None` for a main workplan.
+    pub parent: Option<u64>,
+    /// Which of the places in that parent, from 0.
+    pub turn: usize,
+}
+
 /// Why a path leads nowhere, or to too many places.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SelectError {
@@ -44,10 +55,65 @@ pub enum SelectError {
 /// # Errors
 /// When nothing, or more than one thing, is called that.
 pub fn select(program: &Program, path: &str) -> Result<Part, SelectError> {
-    let wanted = match path.strip_prefix('#').and_then(|id| id.parse::<u64>().ok()) {
-        Some(id) => Wanted::Entity(id),
-        None => Wanted::Names(split(path)),
+    let found = find(program, path);
+    // A shared part is one part, however often it is executed.
+    let mut parts: Vec<Part> = Vec::new();
+    for (spot, _) in &found {
+        if !parts.contains(&spot.part) {
+            parts.push(spot.part);
+        }
+    }
+    match parts.as_slice() {
+        [] => Err(SelectError::NotFound(path.to_string())),
+        [only] => Ok(*only),
+        _ => Err(ambiguous(path, found)),
+    }
+}
+
+/// The one place that `path` means: a shared part has to be told by the names around it.
+///
+/// # Errors
+/// When nothing, or more than one place, is called that.
+pub fn select_spot(program: &Program, path: &str) -> Result<Spot, SelectError> {
+    let found = find(program, path);
+    let Some(&(spot, _)) = found.first() else {
+        return Err(SelectError::NotFound(path.to_string()));
     };
+    // What stands in a workplan that is executed twice stands there once.
+    if found.iter().all(|(other, _)| *other == spot) {
+        return Ok(spot);
+    }
+    Err(ambiguous(path, found))
+}
+
+/// A name as a path has it.
+fn spelled(name: &str, rank: usize) -> String {
+    let rank = if rank > 1 { format!("[{rank}]") } else { String::new() };
+    name.replace('/', "\\/") + &rank
+}
+
+fn ambiguous(path: &str, found: Vec<(Spot, String)>) -> SelectError {
+    SelectError::Ambiguous {
+        path: path.to_string(),
+        candidates: found
+            .into_iter()
+            .map(|(spot, name)| format!("{name} (#{})", spot.part.id()))
+            .collect(),
+    }
+}
+
+fn find(program: &Program, path: &str) -> Vec<(Spot, String)> {
+    let entity = path.strip_prefix('#').and_then(|id| id.parse::<u64>().ok());
+    if let Some(id) = entity {
+        let found = find_wanted(program, Wanted::Entity(id));
+        if !found.is_empty() {
+            return found;
+        }
+    }
+    find_wanted(program, Wanted::Names(split(path)))
+}
+
+fn find_wanted(program: &Program, wanted: Wanted) -> Vec<(Spot, String)> {
     let mut search = Search {
         program,
         wanted,
@@ -57,36 +123,25 @@ pub fn select(program: &Program, path: &str) -> Result<Part, SelectError> {
     let only_twins = program.plan().is_none();
     let roots = program.projects().iter().filter(|project| only_twins || !project.is_twin);
     let roots: Vec<Part> = roots.map(|project| Part::Executable(project.main_workplan)).collect();
-    search.level(&roots, &mut Vec::new());
-    // A shared part is one part, however often it is executed.
-    let mut parts: Vec<Part> = Vec::new();
-    for (part, _) in &search.found {
-        if !parts.contains(part) {
-            parts.push(*part);
-        }
-    }
-    match parts.as_slice() {
-        [] => Err(SelectError::NotFound(path.to_string())),
-        [only] => Ok(*only),
-        _ => Err(SelectError::Ambiguous {
-            path: path.to_string(),
-            candidates: search
-                .found
-                .into_iter()
-                .map(|(part, name)| format!("{name} (#{})", part.id()))
-                .collect(),
-        }),
-    }
+    search.level(&roots, None, &mut Vec::new());
+    search.found
 }
 
 enum Wanted {
     Entity(u64),
-    /// Name and, when given, which of equals, from 1.
-    Names(Vec<(String, Option<usize>)>),
+    Names(Vec<WantedName>),
 }
 
-/// Splits at slashes that are not escaped and takes `[n]` off.
-fn split(path: &str) -> Vec<(String, Option<usize>)> {
+/// A name of a path. Parts may really be called `hole[2]`, so both readings fit.
+struct WantedName {
+    /// The whole of it.
+    whole: String,
+    /// Without `[n]`, and which of equals, from 1.
+    ranked: Option<(String, usize)>,
+}
+
+/// Splits at slashes that are not escaped.
+fn split(path: &str) -> Vec<WantedName> {
     let mut names = vec![String::new()];
     let mut characters = path.chars().peekable();
     while let Some(character) = characters.next() {
@@ -99,46 +154,46 @@ fn split(path: &str) -> Vec<(String, Option<usize>)> {
             _ => names.last_mut().expect("it began with one").push(character),
         }
     }
-    let number = |name: String| {
-        let split = name.strip_suffix(']').and_then(|head| head.rsplit_once('['));
-        match split.and_then(|(head, n)| Some((head.to_string(), n.parse::<usize>().ok()?))) {
-            Some((head, n)) => (head, Some(n)),
-            None => (name, None),
-        }
+    let wanted = |whole: String| {
+        let split = whole.strip_suffix(']').and_then(|head| head.rsplit_once('['));
+        let ranked = split.and_then(|(head, n)| Some((head.to_string(), n.parse::<usize>().ok()?)));
+        WantedName { whole, ranked }
     };
-    names.into_iter().map(number).collect()
+    names.into_iter().map(wanted).collect()
 }
 
 struct Search<'p> {
     program: &'p Program,
     wanted: Wanted,
-    found: Vec<(Part, String)>,
+    found: Vec<(Spot, String)>,
     visited: u64,
 }
 
 impl Search<'_> {
     /// Looks at neighbours; `above` are the names and ranks of what is around them.
-    fn level(&mut self, parts: &[Part], above: &mut Vec<(String, usize, u64)>) {
+    fn level(&mut self, parts: &[Part], parent: Option<u64>, above: &mut Vec<(String, usize, u64)>) {
         let mut seen: std::collections::BTreeMap<String, usize> = std::collections::BTreeMap::new();
-        for &part in parts {
+        for (place, &part) in parts.iter().enumerate() {
             self.visited += 1;
             if self.visited > 1_000_000 || above.iter().any(|around| around.2 == part.id()) {
                 continue;
             }
-            let (name, below) = self.open(part);
+            let (name, inside, below) = self.open(part);
             let rank = seen.entry(name.clone()).or_insert(0);
             *rank += 1;
             above.push((name, *rank, part.id()));
             if self.fits(part, above) {
-                let names: Vec<String> = above.iter().map(|around| around.0.replace('/', "\\/")).collect();
-                self.found.push((part, names.join("/")));
+                let names: Vec<String> = above.iter().map(|(name, rank, _)| spelled(name, *rank)).collect();
+                let turn = parts[..place].iter().filter(|before| **before == part).count();
+                self.found.push((Spot { part, parent, turn }, names.join("/")));
             }
-            self.level(&below, above);
+            self.level(&below, Some(inside), above);
             above.pop();
         }
     }
 
-    fn open(&self, part: Part) -> (String, Vec<Part>) {
+    /// A part's name, what holds the parts below it, and these.
+    fn open(&self, part: Part) -> (String, u64, Vec<Part>) {
         match part {
             Part::Toolpath(id) => {
                 let name = self
@@ -146,14 +201,16 @@ impl Search<'_> {
                     .aim()
                     .instance(id)
                     .map(|path| crate::aim::text(path.argument(0)).into_owned());
-                (name.unwrap_or_default(), Vec::new())
+                (name.unwrap_or_default(), id, Vec::new())
             }
             Part::Executable(id) => {
                 let Some(executable) = self.program.executable(id) else {
                     return Default::default();
                 };
+                let mut inside = id;
                 let below = match executable.kind {
                     ExecutableKind::Workingstep { operation, .. } => {
+                        inside = operation.unwrap_or(id);
                         let operation = operation.and_then(|id| self.program.operation(id));
                         operation
                             .map_or(&[][..], |operation| &operation.toolpaths)
@@ -163,7 +220,7 @@ impl Search<'_> {
                     }
                     _ => executable.children().into_iter().map(Part::Executable).collect(),
                 };
-                (executable.name.clone(), below)
+                (executable.name.clone(), inside, below)
             }
         }
     }
@@ -173,11 +230,10 @@ impl Search<'_> {
             Wanted::Entity(id) => part.id() == *id,
             Wanted::Names(names) => {
                 names.len() <= above.len()
-                    && names
-                        .iter()
-                        .rev()
-                        .zip(above.iter().rev())
-                        .all(|((name, rank), around)| *name == around.0 && rank.is_none_or(|rank| rank == around.1))
+                    && names.iter().rev().zip(above.iter().rev()).all(|(name, (around, rank, _))| {
+                        let ranked = |(head, n): &(String, usize)| head == around && n == rank;
+                        name.whole == *around || name.ranked.as_ref().is_some_and(ranked)
+                    })
             }
         }
     }

@@ -7,7 +7,7 @@ use stepnc::Program;
 use stepnc::edit::{ChangeError, ProgramEdits};
 use stepnc::inspect::inspect;
 use stepnc::select::select;
-use units::{MmPerSec, Timestamp};
+use units::MmPerSec;
 
 /// Two workingsteps 'cut' and one 'drill/ream' in two workplans; the paths of the first share a technology, the disabled property is
 /// shared by nobody.
@@ -71,7 +71,7 @@ fn check(change: impl FnOnce(&Program, &mut ProgramEdits) -> Result<(), ChangeEr
     let program = program();
     let mut edits = ProgramEdits::new(&program);
     change(&program, &mut edits).expect("it can be changed");
-    let saved = edits.save(Timestamp(0)).expect("it can be saved");
+    let saved = edits.save().expect("it can be saved");
     let after = Program::read("own.stpnc", saved.bytes).expect("a Part 21 file");
     let text = |program: &Program, id: u64| {
         program
@@ -94,7 +94,7 @@ fn at(program: &Program, path: &str) -> stepnc::select::Part {
 #[test]
 fn nothing_asked_is_nothing_changed() {
     let program = program();
-    let saved = ProgramEdits::new(&program).save(Timestamp(0)).expect("nothing to refuse");
+    let saved = ProgramEdits::new(&program).save().expect("nothing to refuse");
     assert_eq!(saved.bytes, program.file().bytes());
 }
 
@@ -167,7 +167,7 @@ fn parts_are_moved_deleted_and_functions_put_between() {
                 .insert_function(at(program, "second"), "stamp", "trace:1 get_time its_label=\"it's\"")
                 .map(|_| ())
         },
-        2,
+        7,
         expect![[r##"
             #100 workplan 'main' of project 'main'
               #200 workingstep 'cut'
