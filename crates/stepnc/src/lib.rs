@@ -21,6 +21,7 @@ pub mod select;
 pub mod stream;
 pub mod twin;
 mod unit;
+pub mod write;
 
 pub use model::{
     Dwell, Executable, ExecutableKind, FeedSetting, Function, MachineFunctions, Operation, Program, Project, Setup,

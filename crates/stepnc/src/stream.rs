@@ -20,6 +20,7 @@ use crate::model::{
     Dwell, Executable, ExecutableKind, FeedSetting, Function, Operation, Program, Project, SpindleSetting, Tool, Toolpath,
     ToolpathKind,
 };
+use crate::write;
 use plan::tables::Missing;
 use plan::{
     Alarm, Answer, CoolantState, Diagnostic, Diagnostics, Expression, Feed, FileId, FrameChange, Level, Marker, Move, Next,
@@ -82,6 +83,8 @@ struct Run {
     frame: Option<Transform<Machine, Setup>>,
     tool: Option<ToolNumber>,
     offset: ToolOffset,
+    /// The offset of the tool in the spindle; a path may ask for another one.
+    own_offset: ToolOffset,
     spindle: SpindleState,
     coolant: CoolantState,
     path_mode: PathMode,
@@ -221,6 +224,7 @@ impl Run {
             frame: None,
             tool: None,
             offset: ToolOffset::NONE,
+            own_offset: ToolOffset::NONE,
             spindle: SpindleState::Stopped,
             coolant: CoolantState::default(),
             path_mode: PathMode::Tolerance(None),
@@ -641,6 +645,7 @@ impl<'s> Walker<'s> {
                 self.rest();
                 self.run.tool = Some(ToolNumber(0));
                 self.run.offset = ToolOffset::NONE;
+                self.run.own_offset = ToolOffset::NONE;
                 self.say(
                     id,
                     StepKind::Tool(ToolCall {
@@ -687,6 +692,19 @@ impl<'s> Walker<'s> {
                 program.note(&mut self.run.diagnostics, Severity::Warning, &fault);
                 Ok(())
             }
+            None if self.options.tables.missing == Missing::Assume => {
+                let message = format!(
+                    "operation '{}' has no tool and none was loaded: one of no length is assumed",
+                    operation.name
+                );
+                let remedy = "add the operation to the users of a MACHINING_TOOL, or load a tool before";
+                program.note(
+                    &mut self.run.diagnostics,
+                    Severity::Warning,
+                    &Fault::new(operation.id, "no-tool", message, remedy),
+                );
+                Ok(())
+            }
             None => Err(Fault::new(
                 operation.id,
                 "no-tool",
@@ -709,32 +727,11 @@ impl<'s> Walker<'s> {
         if self.run.tool == Some(number) {
             return Ok(());
         }
-        let entry = self.options.tables.tools.get(&number);
-        let offset = match (entry, self.options.tables.missing) {
-            (Some(entry), _) => ToolOffset {
-                number: number.0,
-                geometry: entry.geometry.0,
-                wear: entry.wear.0,
-                assumed: false,
-            },
-            (None, Missing::Assume) => {
-                let message = format!("tool {number} is not in the tool table: its length is assumed to be 0");
-                let fault = Fault::new(tool.id, "tool-table", message, "enter the tool with its length");
-                program.note(&mut self.run.diagnostics, Severity::Warning, &fault);
-                ToolOffset {
-                    number: number.0,
-                    assumed: true,
-                    ..ToolOffset::NONE
-                }
-            }
-            (None, Missing::Fail) => {
-                let message = format!("tool {number} ({}) is not in the tool table", tool.kind);
-                return Err(Fault::new(tool.id, "tool-table", message, "enter the tool with its length"));
-            }
-        };
+        let offset = self.offset_of(tool.id, number, &tool.kind)?;
         self.rest();
         self.run.tool = Some(number);
         self.run.offset = offset;
+        self.run.own_offset = offset;
         self.say(
             entity,
             StepKind::Tool(ToolCall {
@@ -745,6 +742,50 @@ impl<'s> Walker<'s> {
         );
         self.say(entity, StepKind::ToolOffset(offset));
         Ok(())
+    }
+
+    /// The offset that the machine's table has under a number.
+    fn offset_of(&mut self, entity: u64, number: ToolNumber, kind: &str) -> Result<ToolOffset, Fault> {
+        let program = self.program;
+        let entry = self.options.tables.tools.get(&number);
+        let offset = match (entry, self.options.tables.missing) {
+            (Some(entry), _) => ToolOffset {
+                number: number.0,
+                geometry: entry.geometry.0,
+                wear: entry.wear.0,
+                assumed: false,
+            },
+            (None, Missing::Assume) => {
+                let message = format!("tool {number} is not in the tool table: its length is assumed to be 0");
+                let fault = Fault::new(entity, "tool-table", message, "enter the tool with its length");
+                program.note(&mut self.run.diagnostics, Severity::Warning, &fault);
+                ToolOffset {
+                    number: number.0,
+                    assumed: true,
+                    ..ToolOffset::NONE
+                }
+            }
+            (None, Missing::Fail) => {
+                let message = format!("tool {number} ({kind}) is not in the tool table");
+                return Err(Fault::new(entity, "tool-table", message, "enter the tool with its length"));
+            }
+        };
+        Ok(offset)
+    }
+
+    /// The tool offset of a path: its tool's, or the one that it asks for.
+    fn offset_for(&mut self, entity: u64, condition: Option<&String>) -> Result<ToolOffset, Fault> {
+        match condition.map(|mode| (mode.as_str(), mode.parse::<u32>())) {
+            None => Ok(self.run.own_offset),
+            Some(("off", _)) => Ok(ToolOffset::NONE),
+            Some((_, Ok(number))) => self.offset_of(entity, ToolNumber(number), "tool offset"),
+            Some((mode, Err(_))) => Err(Fault::new(
+                entity,
+                "tool-offset",
+                format!("'{mode}' is no tool offset"),
+                "write 'off' or the offset's number",
+            )),
+        }
     }
 
     /// The frame of the paths at this place of the tree, with its name and whether its origin was assumed.
@@ -873,18 +914,29 @@ impl<'s> Walker<'s> {
             self.run.coolant = functions.coolant;
             self.say(id, StepKind::Coolant(functions.coolant));
         }
+        let condition = |name: &str| functions.and_then(|functions| functions.others.get(name));
+        let offset = self.offset_for(id, condition(write::TOOL_OFFSET))?;
+        if offset != self.run.offset {
+            self.run.offset = offset;
+            self.say(id, StepKind::ToolOffset(offset));
+        }
         // Half of what the path allows is the planner's to round corners with, the other half is left to the servo.
-        let path_mode = PathMode::Tolerance(toolpath.maximum_deviation.map(|most| most * 0.5));
+        let path_mode = match condition(write::EXACT_STOP).map(String::as_str) {
+            Some("on") => PathMode::ExactStop,
+            _ => PathMode::Tolerance(toolpath.maximum_deviation.map(|most| most * 0.5)),
+        };
         if path_mode != self.run.path_mode && toolpath.kind != ToolpathKind::Dwell {
             self.run.path_mode = path_mode;
             self.say(id, StepKind::PathMode(path_mode));
         }
-        let others = functions.filter(|functions| !functions.others.is_empty()).map(|functions| {
+        let mut properties = functions.map(|functions| functions.others.clone()).unwrap_or_default();
+        properties.retain(|name, _| name != write::TOOL_OFFSET && name != write::EXACT_STOP);
+        let others = (!properties.is_empty()).then(|| {
             StepKind::NcFunction(RawNcFunction {
                 kind: "other functions".into(),
                 name: toolpath.name.clone(),
                 text: String::new(),
-                properties: functions.others.clone(),
+                properties,
             })
         });
         if toolpath.kind == ToolpathKind::Dwell {
