@@ -1,0 +1,102 @@
+//! Arcs from three points, and from a circle with its ends.
+
+use super::*;
+
+/// The arc from `a` over the via points to `c`; the full circle when `a` and `c` coincide. `None` when they lie on a line.
+pub(super) fn arc_through(a: P, via: &[P], c: P) -> Option<Arc<Setup>> {
+    let full = a.distance(c) <= SAME;
+    let b = *via.get(via.len() / 2)?;
+    let third = if full {
+        *via.iter().find(|place| place.distance(b) > SAME)?
+    } else {
+        c
+    };
+    // Order along the arc: for a full circle the two via points in file order, else via and end.
+    let (b, d) = if full { (third, b) } else { (b, third) };
+    let (u, v) = (b - a, d - a);
+    let normal = u.cross(v);
+    let size = normal.dot(normal);
+    let flat = u.length() * v.length();
+    if libm::sqrt(size) <= 1e-9 * flat || size == 0.0 {
+        return None;
+    }
+    // Circumcentre of a, b, d.
+    let centre = a + (normal.cross(u) * v.dot(v) - normal.cross(v) * u.dot(u)) * (0.5 / size);
+    let normal = normal.unit()?;
+    let sweep = if full {
+        TAU
+    } else {
+        angle_between(a - centre, c - centre, normal)
+    };
+    Some(Arc {
+        from: a,
+        centre,
+        normal,
+        sweep: Radians(sweep),
+        rise: 0.0,
+    })
+}
+
+/// Counterclockwise angle from `a` to `b` about `normal`, in (0, 2 pi].
+pub(super) fn angle_between(a: V, b: V, normal: V) -> f64 {
+    let angle = libm::atan2(normal.dot(a.cross(b)), a.dot(b));
+    if angle <= 0.0 { angle + TAU } else { angle }
+}
+
+pub(super) fn distance_from_axis(arc: &Arc<Setup>, place: P) -> f64 {
+    let out = place - arc.centre;
+    (out - arc.normal * out.dot(arc.normal)).length()
+}
+
+pub(super) fn circle_arc(
+    id: u64,
+    frame: &Transform<Setup, Setup>,
+    radius: f64,
+    from: P,
+    to: P,
+    sense: bool,
+    full: bool,
+) -> Result<Path<Setup>, Fault> {
+    let centre = Point::from_xyz(frame.origin);
+    let normal = *frame * Vector::<Setup>::Z;
+    for (place, which) in [(from, "first"), (to, "second")] {
+        let out = place - centre;
+        let height = out.dot(normal);
+        let off = libm::sqrt({
+            let miss = (out - normal * height).length() - radius;
+            miss * miss + height * height
+        });
+        if off.is_nan() || off > FIT_TOLERANCE.0 {
+            return Err(Fault::new(
+                id,
+                "arc-radius",
+                format!(
+                    "the {which} trim point of an arc is {:.4} mm from the centre in a circle of radius {radius:.4} mm: {off:.4} mm off",
+                    out.length()
+                ),
+                "correct centre, radius or end points; the tolerance is 0.03 mm",
+            ));
+        }
+    }
+    let full = full || from.distance(to) <= SAME;
+    // Rounded end points: move the centre along the chord so that both lie on one circle, and into the plane of the start.
+    let mut middle = centre + normal * (from - centre).dot(normal);
+    let rise = if full { 0.0 } else { (to - from).dot(normal) };
+    if !full && let Some(along) = (to - from - normal * rise).unit() {
+        middle = middle + along * (from.toward(to, 0.5) - middle).dot(along);
+    }
+    let end = to - normal * rise;
+    let sweep = match (full, sense) {
+        (true, true) => TAU,
+        (true, false) => -TAU,
+        (false, true) => angle_between(from - middle, end - middle, normal),
+        (false, false) => -angle_between(end - middle, from - middle, normal),
+    };
+    Ok(Path::Arc(Arc {
+        from,
+        centre: middle,
+        normal,
+        sweep: Radians(sweep),
+        rise,
+    }))
+}
