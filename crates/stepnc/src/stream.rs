@@ -11,8 +11,12 @@
 //! coolant and path tolerance are said when they change. `other functions` along a path become one [`RawNcFunction`] of that kind
 //! behind the path's beginning; they end with the path.
 //!
-//! **What is not run.** Parallel executables, curves of contact points, tilted tool axes and everything broken end in an alarm that
-//! names the instance, its line and what to do.
+//! **Order.** Parallel and non-sequential executables are executed in the order of the file, one after the other, and a remark names it; of a
+//! selective one the first that is enabled. Conditions and assignments are worked out when the stream comes to them; what only the
+//! machine knows is asked for.
+//!
+//! **What is not run.** Curves of contact points, tilted tool axes and everything broken end in an alarm that names the instance, its
+//! line and what to do. A connection without a curve (`connect direct`) is the link to the next path.
 
 mod frame;
 mod path;
@@ -53,6 +57,8 @@ pub struct StreamOptions {
     pub tables: Tables,
     /// How the numbers of toolpaths are read.
     pub path_frame: PathFrame,
+    /// The spindle of the machine turns no faster, revolutions per minute: the limit of a surface speed that has none in the file.
+    pub spindle_limit: Rpm,
 }
 
 impl Default for StreamOptions {
@@ -61,6 +67,7 @@ impl Default for StreamOptions {
             project: None,
             tables: Tables::empty(),
             path_frame: PathFrame::Setup,
+            spindle_limit: Rpm(4000.0),
         }
     }
 }
@@ -124,8 +131,20 @@ struct OpenPath {
 /// A question that was asked.
 enum Pending {
     OptionalStop(u64),
-    Branch { executable: u64, expression: Expression },
-    Loop { executable: u64, expression: Expression },
+    /// The value of `asked`, for what an assignment still has to work out.
+    Assignment {
+        executable: u64,
+        asked: String,
+        value: Expression,
+    },
+    Branch {
+        executable: u64,
+        expression: Expression,
+    },
+    Loop {
+        executable: u64,
+        expression: Expression,
+    },
 }
 
 /// Turns of a loop, or other structure, without a single step: then it will never have one.
@@ -220,7 +239,7 @@ impl Run {
             alarm: None,
             diagnostics,
             scopes: Vec::new(),
-            variables: BTreeMap::new(),
+            variables: program.initial_values().clone(),
             gauge: options.tables.position,
             frame: None,
             tool: None,
@@ -342,14 +361,6 @@ impl<'s> Walker<'s> {
             None => !project.is_twin,
         };
         let Some(project) = program.projects().iter().find(wanted) else {
-            if program.is_iso_14649() {
-                return Err(Fault::new(
-                    0,
-                    "iso-14649",
-                    "an ISO 14649 file (ARM) cannot be run yet",
-                    "export it as ISO 10303-238 (AIM) with toolpaths",
-                ));
-            }
             return Err(Fault::new(
                 0,
                 "no-program",
@@ -399,7 +410,8 @@ impl<'s> Walker<'s> {
                     next: 0,
                 });
             }
-            ExecutableKind::NonSequential(children) => {
+            ExecutableKind::NonSequential(children) | ExecutableKind::Parallel(children) => {
+                self.say_order(executable);
                 self.enter(executable, None);
                 self.run.tasks.push(Task::Sequence {
                     children: children.clone(),
@@ -412,16 +424,6 @@ impl<'s> Walker<'s> {
                 self.run
                     .tasks
                     .extend(children.iter().find(enabled).map(|&child| Task::Execute(child)));
-            }
-            ExecutableKind::Parallel(_) => {
-                return unsupported(
-                    "parallel",
-                    format!(
-                        "'{}' asks for several things at the same time, which is not supported yet",
-                        executable.name
-                    ),
-                    "put its parts into a workplan one after the other",
-                );
             }
             ExecutableKind::If { condition, .. } => {
                 let expression = self.condition(executable, condition)?;
@@ -452,28 +454,14 @@ impl<'s> Walker<'s> {
                         );
                     }
                 };
-                match value.evaluate(&|_| None) {
-                    Ok(plan::Value::Number(number)) if !variable.is_empty() => {
-                        self.run.variables.insert(variable.clone(), number);
-                    }
-                    Ok(_) => {
-                        return unsupported(
-                            "assignment",
-                            format!("'{}' assigns no number to a named variable", executable.name),
-                            EXPRESSION_REMEDY,
-                        );
-                    }
-                    Err(why) => {
-                        return unsupported(
-                            "assignment",
-                            format!(
-                                "'{}' needs a value that only the machine knows, which is not supported yet: {why}",
-                                executable.name
-                            ),
-                            "put the value into the condition that uses the variable",
-                        );
-                    }
+                if variable.is_empty() {
+                    return unsupported(
+                        "assignment",
+                        format!("'{}' assigns to no variable with a name", executable.name),
+                        EXPRESSION_REMEDY,
+                    );
                 }
+                return self.assign(executable, variable, value);
             }
             ExecutableKind::Function(function) => return self.function(executable, function),
             ExecutableKind::Workingstep { operation, .. } => {
@@ -541,6 +529,62 @@ impl<'s> Walker<'s> {
         Ok(())
     }
 
+    /// Gives a variable its value, and asks the machine for what only it knows, one name after the other.
+    fn assign(&mut self, executable: &Executable, variable: &str, value: Expression) -> Outcome {
+        if let Some(name) = first_name(&value) {
+            let question = Question::Number(name.to_string());
+            self.run.pending = Some(Pending::Assignment {
+                executable: executable.id,
+                asked: name.to_string(),
+                value,
+            });
+            return Ok(Some(question));
+        }
+        match value.evaluate(&|_| None) {
+            Ok(plan::Value::Number(number)) => {
+                self.run.variables.insert(variable.to_string(), number);
+                Ok(None)
+            }
+            Ok(plan::Value::Truth(truth)) => {
+                // A boolean variable is kept as the number that it compares equal to.
+                self.run.variables.insert(variable.to_string(), f64::from(u8::from(truth)));
+                Ok(None)
+            }
+            Err(why) => Err(Fault::new(
+                executable.id,
+                "assignment",
+                format!("'{}' has no value: {why}", executable.name),
+                EXPRESSION_REMEDY,
+            )),
+        }
+    }
+
+    /// What has no order of its own is executed in the order of the file, and that is said.
+    fn say_order(&mut self, executable: &Executable) {
+        let program = self.program;
+        let names = executable
+            .children()
+            .into_iter()
+            .filter_map(|child| program.executable(child));
+        let names: Vec<String> = names
+            .filter(|child| child.enabled)
+            .map(|child| format!("'{}'", child.name))
+            .collect();
+        let (code, asks) = match executable.kind {
+            ExecutableKind::Parallel(_) => (
+                "parallel-order",
+                "asks for several things at the same time: this machine has one channel, and does",
+            ),
+            _ => ("non-sequential-order", "leaves the order open: it is"),
+        };
+        let message = format!("'{}' {asks} {}", executable.name, names.join(", then "));
+        program.note(
+            &mut self.run.diagnostics,
+            Severity::Remark,
+            &Fault::new(executable.id, code, message, ""),
+        );
+    }
+
     /// One turn of a while statement: asks, or decides by itself.
     fn turn(&mut self, id: u64) -> Outcome {
         let program = self.program;
@@ -581,7 +625,11 @@ impl<'s> Walker<'s> {
             Pending::Branch { executable, expression } | Pending::Loop { executable, expression } => {
                 (*executable, Question::Condition(expression.clone()))
             }
+            Pending::Assignment { executable, asked, .. } => (*executable, Question::Number(asked.clone())),
         };
+        if let (Pending::Assignment { asked, value, .. }, Some(answer)) = (&pending, answer) {
+            return self.answered_number(entity, asked, value, answer);
+        }
         let truth = match answer {
             Some(Answer::Truth(truth)) => truth,
             None => {
@@ -614,8 +662,32 @@ impl<'s> Walker<'s> {
                     self.again(executable, truth);
                 }
             }
+            Pending::Assignment { .. } => {}
         }
         Ok(None)
+    }
+
+    fn answered_number(&mut self, id: u64, asked: &str, value: &Expression, answer: Answer) -> Outcome {
+        let program = self.program;
+        let number = match answer {
+            Answer::Number(Some(number)) if number.is_finite() => number,
+            _ => {
+                return Err(Fault::new(
+                    id,
+                    "no-answer",
+                    format!("the machine has no value for '{asked}', which an assignment needs"),
+                    "check the name, or whether this machine has that sensor",
+                ));
+            }
+        };
+        let Some(executable) = program.executable(id) else {
+            return Ok(None);
+        };
+        let ExecutableKind::Assignment { variable, .. } = &executable.kind else {
+            return Ok(None);
+        };
+        let value = substitute(value, &BTreeMap::from([(asked.to_string(), number)]));
+        self.assign(executable, variable, value)
     }
 
     fn function(&mut self, executable: &Executable, function: &Function) -> Outcome {
@@ -683,6 +755,16 @@ fn substitute(expression: &Expression, variables: &BTreeMap<String, f64>) -> Exp
         Expression::Negate(inner) => Expression::Negate(inside(inner)),
         Expression::Binary(operator, left, right) => Expression::Binary(*operator, inside(left), inside(right)),
         Expression::Number(..) | Expression::Truth(_) => expression.clone(),
+    }
+}
+
+/// The first name in an expression, from the left.
+fn first_name(expression: &Expression) -> Option<&str> {
+    match expression {
+        Expression::Name(name) => Some(name),
+        Expression::Not(inner) | Expression::Negate(inner) => first_name(inner),
+        Expression::Binary(_, left, right) => first_name(left).or_else(|| first_name(right)),
+        Expression::Number(..) | Expression::Truth(_) => None,
     }
 }
 

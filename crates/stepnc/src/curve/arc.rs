@@ -100,3 +100,56 @@ pub(super) fn circle_arc(
         rise,
     }))
 }
+
+/// Part of a helix: how often it goes round follows from the height and the pitch.
+pub(super) fn helix(
+    id: u64,
+    frame: &Transform<Setup, Setup>,
+    radius: f64,
+    pitch: f64,
+    from: P,
+    to: P,
+    sense: bool,
+) -> Result<Path<Setup>, Fault> {
+    let normal = *frame * Vector::<Setup>::Z;
+    let foot = Point::from_xyz(frame.origin);
+    let height = |place: P| (place - foot).dot(normal);
+    let centre = foot + normal * height(from);
+    let rise = height(to) - height(from);
+    let flat_end = to - normal * rise;
+    for (place, which) in [(from, "first"), (flat_end, "second")] {
+        let off = ((place - centre).length() - radius).abs();
+        if off.is_nan() || off > FIT_TOLERANCE.0 {
+            let message = format!("the {which} trim point of a helix lies {off:.4} mm off its cylinder");
+            return Err(Fault::new(id, "arc-radius", message, CURVE_REMEDY));
+        }
+    }
+    // Rounded end points: move the centre along the chord so that both lie on one cylinder.
+    let centre = match (flat_end - from).unit() {
+        Some(along) => centre + along * (from.toward(flat_end, 0.5) - centre).dot(along),
+        None => centre,
+    };
+    let part = match sense {
+        true => angle_between(from - centre, flat_end - centre, normal),
+        false => angle_between(flat_end - centre, from - centre, normal),
+    };
+    let wanted = if pitch.abs() > 0.0 { (rise / pitch).abs() * TAU } else { part };
+    let turns = libm::round((wanted - part) / TAU).max(0.0);
+    let sweep = part + turns * TAU;
+    // A pitch that is rounded in its last digit is as good as one that is not; another number of turns is another helix.
+    let off = (sweep - wanted).abs() / TAU * pitch.abs();
+    if !sweep.is_finite() || turns > MOST_TURNS || off > FIT_TOLERANCE.0 {
+        let message = format!("a helix of pitch {pitch:.4} mm misses its second trim point by {off:.4} mm of height");
+        return Err(Fault::new(id, "helix-pitch", message, "correct the pitch or the trim points"));
+    }
+    Ok(Path::Arc(Arc {
+        from,
+        centre,
+        normal,
+        sweep: Radians(if sense { sweep } else { -sweep }),
+        rise,
+    }))
+}
+
+/// Turns of one helix, at most.
+const MOST_TURNS: f64 = 1e6;

@@ -1,11 +1,11 @@
 //! Trimmed curves: parts of lines, circles, ellipses and B-splines.
 
-use super::arc::circle_arc;
+use super::arc::{circle_arc, helix};
 use super::spline::{ellipse, nearest_parameter, sub_spline};
 use super::*;
 
 #[derive(Clone, Copy)]
-enum Trim {
+pub(super) enum Trim {
     At(P),
     Parameter(f64),
 }
@@ -54,6 +54,23 @@ impl Pieces<'_> {
                 let full = matches!((first, second), (Trim::Parameter(a), Trim::Parameter(b)) if a != b
                     && (self.angle(id, (b - a).abs())? - TAU).abs() < 1e-9);
                 circle_arc(id, &frame, radius, place(first)?, place(second)?, sense, full)
+            }
+            // ISO 14649: position, radius and the height of one turn.
+            "HELIX" => {
+                let frame = self.placement(base.argument(1))?;
+                let radius = self.length(basis, base.argument(2), "the radius")?;
+                let pitch = self.length(basis, base.argument(3), "the pitch")?;
+                let place = |trim: Trim| -> Result<P, Fault> {
+                    Ok(match trim {
+                        Trim::At(place) => place,
+                        Trim::Parameter(t) => {
+                            let angle = self.angle(id, t)?;
+                            let (sin, cos) = libm::sincos(angle);
+                            frame * Point::new(radius * cos, radius * sin, pitch * angle / TAU)
+                        }
+                    })
+                };
+                helix(id, &frame, radius, pitch, place(first)?, place(second)?, sense)
             }
             "ELLIPSE" => {
                 let frame = self.placement(base.argument(1))?;

@@ -2,6 +2,7 @@
 //!
 //! Whatever is odd becomes a warning and is left out; whether it hurts shows when the program is run.
 
+mod feature;
 mod setup;
 mod technology;
 mod tool;
@@ -11,6 +12,8 @@ use super::*;
 use crate::aim::{Links, text};
 use crate::unit;
 use crate::{date, expression};
+use part21::Instance;
+use plan::inspection::Quantity;
 use setup::{placed, plane_height, read_setup};
 use std::collections::BTreeSet;
 use technology::{functions, technology};
@@ -49,16 +52,14 @@ impl Builder {
         for row in aim.file.by_keyword("MACHINING_FUNCTIONS") {
             program.functions.insert(aim.file.id(row), functions(aim, aim.file.id(row)));
         }
+        let mut tools = Vec::new();
         for row in aim.file.by_keyword("MACHINING_TOOL") {
             match tool(aim, aim.file.id(row)) {
                 Ok((tool, faults)) => {
                     for fault in faults {
                         program.note(&mut self.found, Severity::Warning, &fault);
                     }
-                    for &user in &tool.users {
-                        program.tool_of.insert(user, program.tools.len());
-                    }
-                    program.tools.push(tool);
+                    tools.push(tool);
                 }
                 Err(fault) => program.note(&mut self.found, Severity::Warning, &fault),
             }
@@ -83,6 +84,29 @@ impl Builder {
             }
         }
         let projects = self.projects(program, &executables);
+        let wanted: BTreeSet<u64> = executables
+            .values()
+            .flat_map(|executable| executable.features.iter().copied())
+            .collect();
+        let features = wanted.into_iter().filter_map(|id| match feature::feature(aim, id) {
+            Ok(feature) => Some((id, feature)),
+            Err(fault) => {
+                program.note(&mut self.found, Severity::Warning, &fault);
+                None
+            }
+        });
+        let features = features.collect();
+        let initial_values = expression::initial_values(aim);
+        let moves = operations
+            .values()
+            .filter(|operation: &&Operation| operation.is_rapid_movement());
+        let rapid_paths = moves.flat_map(|operation| operation.toolpaths.iter().copied()).collect();
+        program.rapid_paths = rapid_paths;
+        program.initial_values = initial_values;
+        program.features = features;
+        for tool in tools {
+            program.add_tool(tool);
+        }
         program.executables = executables;
         program.operations = operations;
         program.projects = projects;
@@ -107,8 +131,9 @@ impl Builder {
                 .filter_map(|process| aim.instance(process).ok())
                 .filter(|process| text(process.argument(0)) == "machining")
                 .find_map(|process| process.argument(2).reference());
-            let name = [product.argument(1), product.argument(0)]
-                .map(text)
+            let attributes = aim.attributes(&product, "PRODUCT");
+            let name = [attributes.get(1), attributes.first()]
+                .map(|name| name.map(text).unwrap_or_default())
                 .into_iter()
                 .find(|name| !name.is_empty());
             match main {
@@ -117,6 +142,7 @@ impl Builder {
                     name: name.unwrap_or_default().into_owned(),
                     main_workplan: main,
                     is_twin: is_twin(&main),
+                    values: project_values(aim, id),
                 }),
                 _ => program.note(
                     &mut self.found,
@@ -146,6 +172,7 @@ impl Builder {
                     name: executable.name.clone(),
                     main_workplan: executable.id,
                     is_twin: false,
+                    values: Vec::new(),
                 })
                 .collect();
             if let Some(first) = found.first() {
@@ -198,9 +225,10 @@ impl Builder {
     ) -> Result<Option<Executable>, Fault> {
         let aim = program.aim();
         let instance = aim.instance(id)?;
+        let attributes = aim.attributes(&instance, "ACTION_METHOD");
         let (name, description) = (
-            text(instance.argument(0)).into_owned(),
-            text(instance.argument(1)).into_owned(),
+            attributes.first().map(text).unwrap_or_default().into_owned(),
+            attributes.get(1).map(text).unwrap_or_default().into_owned(),
         );
         let links = aim.links(id);
         let kind = match (keyword, description.as_str()) {
@@ -288,6 +316,8 @@ impl Builder {
             setup,
             security_plane,
             twin: twin_facts(aim, &links, false),
+            features: feature::features_of(aim, &links),
+            values: values_of(aim, &links, &EXECUTABLE_WORDS),
         }))
     }
 
@@ -319,14 +349,138 @@ fn property_text(aim: Aim, links: &Links, name: &str) -> Option<String> {
     aim.description(*representation.items.first()?)
 }
 
+/// The entity of an operation; of a complex instance the one that says most: not its supertypes.
+fn operation_kind(keyword: &str) -> String {
+    let supertypes = [
+        "ACTION_METHOD",
+        "CHARACTERIZED_OBJECT",
+        "MACHINING_OPERATION",
+        "MACHINING_PROCESS_EXECUTABLE",
+        "MILLING_TYPE_OPERATION",
+        "TURNING_TYPE_OPERATION",
+        "DRILLING_TYPE_OPERATION",
+    ];
+    let leaf = keyword.split(' ').find(|part| !supertypes.contains(part));
+    leaf.or_else(|| keyword.split(' ').next_back()).unwrap_or(keyword).to_string()
+}
+
+/// Properties of executables that are not shown as named data: they have a place of their own, or belong to the kind.
+const EXECUTABLE_WORDS: [&str; 11] = [
+    "enabled",
+    "condition",
+    "lvalue",
+    "rvalue",
+    "toolpath orientation",
+    "security plane",
+    "message text",
+    "description",
+    "function text",
+    "twin source",
+    "twin exception",
+];
+
+/// What hangs on an object and has no place of its own in the model: properties, people, machines, approvals, dates.
+fn values_of(aim: Aim, links: &Links, known: &[&str]) -> Vec<NamedValue> {
+    let mut values = Vec::new();
+    for (name, representation, _) in &links.properties {
+        if known.contains(&name.as_str()) {
+            continue;
+        }
+        if let Ok(representation) = aim.representation(*representation) {
+            values.extend(aim.named_values(name, &representation));
+        }
+    }
+    for relation in &links.relations {
+        let Ok(other) = aim.instance(relation.related) else { continue };
+        let attributes = aim.attributes(&other, "ACTION_METHOD");
+        let words = |n: usize| attributes.get(n).map(text).unwrap_or_default().into_owned();
+        match relation.keyword {
+            "MACHINING_USAGE_RELATIONSHIP" => {
+                let words: Vec<String> = [words(0), words(1)].into_iter().filter(|word| !word.is_empty()).collect();
+                values.push(NamedValue::text("machine", words.join(", ")));
+            }
+            "MACHINING_STRATEGY_RELATIONSHIP" => {
+                let name = if relation.name.is_empty() {
+                    "strategy"
+                } else {
+                    &relation.name
+                };
+                let kind = aim.keyword(relation.related).to_lowercase().replace('_', " ");
+                let said = words(1);
+                values.push(NamedValue::text(name, if said.is_empty() { kind } else { said }));
+                for (property, representation, _) in aim.links(relation.related).properties {
+                    let Ok(representation) = aim.representation(representation) else {
+                        continue;
+                    };
+                    let mut inner = aim.named_values(&property, &representation);
+                    inner
+                        .iter_mut()
+                        .for_each(|value| value.name = format!("{name}: {}", value.name));
+                    values.extend(inner);
+                }
+            }
+            _ => {}
+        }
+    }
+    values.extend(links.people.iter().map(|(role, name)| NamedValue::text(role, name)));
+    values.extend(links.approvals.iter().map(|status| NamedValue::text("approval", status)));
+    for (role, moment) in &links.dates {
+        // A twin's own dates have their place.
+        if !matches!(role.as_str(), "twin start" | "twin end")
+            && let Some(moment) = date::read(aim, *moment)
+        {
+            values.push(NamedValue::text(role, date::words(moment)));
+        }
+    }
+    values
+}
+
+/// Owner, release date and approval of a project hang on its formation; some writers hang them on the product or its definition.
+fn project_values(aim: Aim, project: u64) -> Vec<NamedValue> {
+    let formations: Vec<u64> = aim
+        .users_by(project, "PRODUCT_DEFINITION_FORMATION", 2)
+        .map(|(id, _)| id)
+        .collect();
+    let definitions: Vec<u64> = formations
+        .iter()
+        .flat_map(|&formation| aim.users_by(formation, "PRODUCT_DEFINITION", 2))
+        .map(|(id, _)| id)
+        .collect();
+    let mut values = Vec::new();
+    for owner in [project].into_iter().chain(formations).chain(definitions.iter().copied()) {
+        values.extend(values_of(aim, &aim.links(owner), &[]));
+    }
+    let workpieces = definitions
+        .iter()
+        .flat_map(|&definition| aim.users_by(definition, "MACHINING_PROJECT_WORKPIECE_RELATIONSHIP", 3))
+        .filter_map(|(_, relation)| relation.argument(4).reference());
+    values.extend(workpieces.filter_map(|workpiece| Some(NamedValue::text("workpiece", product_name(aim, workpiece)?))));
+    values
+}
+
+/// The name of the product that a definition is of.
+fn product_name(aim: Aim, definition: u64) -> Option<String> {
+    let formation = aim.instance(definition).ok()?.argument(2).reference()?;
+    let product = aim.instance(formation).ok()?.argument(2).reference()?;
+    let product = aim.instance(product).ok()?;
+    let attributes = aim.attributes(&product, "PRODUCT");
+    let words = [attributes.get(1), attributes.first()].map(|word| word.map(text).unwrap_or_default());
+    words
+        .into_iter()
+        .find(|word| !word.is_empty())
+        .map(std::borrow::Cow::into_owned)
+}
+
 fn read_operation(aim: Aim, id: u64) -> Result<Operation, Fault> {
     let instance = aim.instance(id)?;
+    let attributes = aim.attributes(&instance, "ACTION_METHOD");
     let links = aim.links(id);
     Ok(Operation {
         id,
-        name: text(instance.argument(0)).into_owned(),
-        kind: aim.keyword(id).to_string(),
-        variant: text(instance.argument(1)).into_owned(),
+        name: attributes.first().map(text).unwrap_or_default().into_owned(),
+        kind: operation_kind(aim.keyword(id)),
+        variant: attributes.get(1).map(text).unwrap_or_default().into_owned(),
+        values: values_of(aim, &links, &[]),
         toolpaths: links.in_sequence("MACHINING_TOOLPATH_SEQUENCE_RELATIONSHIP"),
         technology: links.related("MACHINING_TECHNOLOGY_RELATIONSHIP"),
         functions: links.related("MACHINING_FUNCTIONS_RELATIONSHIP"),

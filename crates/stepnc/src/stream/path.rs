@@ -38,6 +38,10 @@ impl Walker<'_> {
                 );
             }
         }
+        if toolpath.kind != ToolpathKind::Dwell && toolpath.is_connection() {
+            // It says that the tool goes to the next path and not how: the link does.
+            return Ok(());
+        }
         let technology = toolpath
             .technology
             .or(operation.technology)
@@ -56,7 +60,22 @@ impl Walker<'_> {
                 return Err(fault.clone());
             }
             if let Some(spindle) = technology.spindle {
-                let spindle = spindle_state(id, spindle, tool, operation)?;
+                if let SpindleSetting::Surface { limit: None, .. } = spindle
+                    && operation.turns()
+                {
+                    let limit = self.options.spindle_limit;
+                    let message = format!(
+                        "a surface speed has no maximum rotational speed: {} rev/min is assumed",
+                        limit.0
+                    );
+                    let remedy = "give the technology a maximum rotational speed";
+                    program.note(
+                        &mut self.run.diagnostics,
+                        Severity::Warning,
+                        &Fault::new(id, "surface-speed", message, remedy),
+                    );
+                }
+                let spindle = spindle_state(id, spindle, tool, operation, self.options.spindle_limit)?;
                 if spindle != self.run.spindle {
                     self.run.spindle = spindle;
                     self.say(id, StepKind::Spindle(spindle));
@@ -133,7 +152,7 @@ impl Walker<'_> {
         let mut first = pieces.next().transpose().map_err(|fault| placed(fault, id))?;
         if let Some(first) = &mut first {
             // A mill lifts the tool off along Z, a lathe along X.
-            let retract_axis = if operation.kind.contains("TURNING") { 0 } else { 2 };
+            let retract_axis = if operation.turns() { 0 } else { 2 };
             self.link(id, frame.machine_from_setup, first, speed, retract_axis);
         }
         self.begin(Level::Toolpath, id, &toolpath.name, toolpath.maximum_deviation);

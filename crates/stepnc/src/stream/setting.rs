@@ -1,6 +1,7 @@
 //! Tools, spindle speeds and feeds: what a program sets before it cuts.
 
 use super::*;
+use std::collections::BTreeSet;
 
 impl Walker<'_> {
     /// Stops spindle and coolant where they run.
@@ -19,7 +20,7 @@ impl Walker<'_> {
         let program = self.program;
         match program.tool_of(operation.id) {
             Some(tool) => self.change_tool(operation.id, tool),
-            None if operation.kind == "MACHINING_RAPID_MOVEMENT" => Ok(()),
+            None if operation.is_rapid_movement() => Ok(()),
             None if self.run.tool.is_some_and(|tool| tool != ToolNumber(0)) => {
                 let message = format!("operation '{}' names no tool: the one in the spindle is used", operation.name);
                 let fault = Fault::new(operation.id, "no-tool", message, "add the operation to the users of its tool");
@@ -35,16 +36,50 @@ impl Walker<'_> {
         }
     }
 
-    pub(super) fn change_tool(&mut self, entity: u64, tool: &Tool) -> Result<(), Fault> {
+    /// A number for a tool that the file only names: the next free one in the order of the file, where something may be assumed.
+    fn assumed_number(&mut self, tool: &Tool) -> Result<ToolNumber, Fault> {
         let program = self.program;
-        let number = tool.number.ok_or_else(|| {
+        let nameless = |message: String| {
             Fault::new(
                 tool.id,
                 "tool-number",
-                format!("tool '{}' ({}) has no number", tool.name, tool.kind),
+                message,
                 "give the number in its identifier or as its tool position",
             )
-        })?;
+        };
+        let is = format!("tool '{}' ({}) has no number", tool.name, tool.kind);
+        if self.options.tables.missing == Missing::Fail {
+            return Err(nameless(is));
+        }
+        let mut taken: BTreeSet<u32> = program.tools().iter().filter_map(|tool| Some(tool.number?.0)).collect();
+        let mut names: Vec<&str> = Vec::new();
+        for other in program.tools().iter().filter(|other| other.number.is_none()) {
+            if !names.contains(&other.name.as_str()) {
+                names.push(&other.name);
+            }
+        }
+        let mut number = 0;
+        for name in names {
+            number = (1..).find(|free| !taken.contains(free)).unwrap_or(u32::MAX);
+            taken.insert(number);
+            if name == tool.name {
+                break;
+            }
+        }
+        program.note(
+            &mut self.run.diagnostics,
+            Severity::Warning,
+            &nameless(format!("{is}: T{number} is assumed")),
+        );
+        Ok(ToolNumber(number))
+    }
+
+    pub(super) fn change_tool(&mut self, entity: u64, tool: &Tool) -> Result<(), Fault> {
+        let program = self.program;
+        let number = match tool.number {
+            Some(number) => number,
+            None => self.assumed_number(tool)?,
+        };
         if self.run.tool == Some(number) {
             return Ok(());
         }
@@ -92,6 +127,7 @@ pub(super) fn spindle_state(
     setting: SpindleSetting,
     tool: Option<&Tool>,
     operation: &Operation,
+    spindle_limit: Rpm,
 ) -> Result<SpindleState, Fault> {
     let turning = |clockwise: bool, mode: SpindleMode| match clockwise {
         true => SpindleState::Clockwise(mode),
@@ -100,15 +136,8 @@ pub(super) fn spindle_state(
     match setting {
         SpindleSetting::Stopped => Ok(SpindleState::Stopped),
         SpindleSetting::Revolutions { speed, clockwise } => Ok(turning(clockwise, SpindleMode::Revolutions(speed))),
-        SpindleSetting::Surface { speed, limit, clockwise } if operation.kind.contains("TURNING") => {
-            let limit = limit.ok_or_else(|| {
-                Fault::new(
-                    path,
-                    "surface-speed",
-                    "a surface speed has no maximum rotational speed: it would be endless in the centre",
-                    "give the technology a maximum rotational speed",
-                )
-            })?;
+        SpindleSetting::Surface { speed, limit, clockwise } if operation.turns() || tool.is_some_and(turns) => {
+            let limit = limit.unwrap_or(spindle_limit);
             Ok(turning(clockwise, SpindleMode::Surface { speed, limit }))
         }
         SpindleSetting::Surface { speed, limit, clockwise } => {
@@ -169,4 +198,9 @@ pub(super) fn feed(path: u64, toolpath: &Toolpath, feed: Option<FeedSetting>, to
         ));
     }
     Ok(feed)
+}
+
+/// Is it a turning tool?
+fn turns(tool: &Tool) -> bool {
+    tool.kind.contains("turning")
 }

@@ -82,7 +82,26 @@ pub(super) fn read_setup(program: &Program, process: u64) -> Result<Option<Setup
         machine_from_setup,
         setup_from_part: workpiece_placement(program, definition),
         security_plane,
+        fixture: fixture(aim, definition),
     }))
+}
+
+/// The fixture that the product definition of a set-up uses.
+fn fixture(aim: Aim, setup: u64) -> Option<Fixture> {
+    let processes = aim
+        .users_by(setup, "PROCESS_PRODUCT_ASSOCIATION", 2)
+        .filter_map(|(_, association)| aim.instance(association.argument(3).reference()?).ok());
+    let mut usages = processes
+        .filter(|process| text(process.argument(0)) == "fixture usage")
+        .filter_map(|process| process.argument(2).reference());
+    let id = usages.next()?;
+    let usage = aim.instance(id).ok()?;
+    let attributes = aim.attributes(&usage, "ACTION_METHOD");
+    Some(Fixture {
+        id,
+        name: attributes.first().map(text).unwrap_or_default().into_owned(),
+        values: values_of(aim, &aim.links(id), &[]),
+    })
 }
 
 /// The same numbers read as a transform into the machine.

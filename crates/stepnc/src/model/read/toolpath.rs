@@ -2,41 +2,24 @@
 
 use super::*;
 
-pub(in crate::model) fn read_toolpath(program: &Program, id: u64) -> Toolpath {
+/// Reads a toolpath into `toolpath`, which has its identifier.
+pub(in crate::model) fn read_toolpath(program: &Program, toolpath: &mut Toolpath) {
     let aim = program.aim();
-    let mut toolpath = Toolpath {
-        id,
-        name: String::new(),
-        kind: ToolpathKind::Feed,
-        description: String::new(),
-        trajectory: String::new(),
-        technology: None,
-        functions: None,
-        profile: None,
-        dwell: None,
-        maximum_deviation: None,
-        reversed: false,
-        tilted: false,
-        twin: None,
-        curve: None,
-        context: None,
-        faults: Vec::new(),
-    };
+    let id = toolpath.id;
     let instance = match aim.instance(id) {
         Ok(instance) => instance,
-        Err(fault) => {
-            toolpath.faults.push(fault);
-            return toolpath;
-        }
+        Err(fault) => return toolpath.faults.push(fault),
     };
-    toolpath.name = text(instance.argument(0)).into_owned();
-    toolpath.description = text(instance.argument(1)).into_owned();
+    let attributes = aim.attributes(&instance, "ACTION_METHOD");
+    toolpath.name = attributes.first().map(text).unwrap_or_default().into_owned();
+    toolpath.description = attributes.get(1).map(text).unwrap_or_default().into_owned();
     let links = aim.links(id);
     toolpath.technology = links.related("MACHINING_TECHNOLOGY_RELATIONSHIP");
     toolpath.functions = links.related("MACHINING_FUNCTIONS_RELATIONSHIP");
     toolpath.twin = twin_facts(aim, &links, true);
     toolpath.trajectory = property_text(aim, &links, "trajectory type").unwrap_or_default();
     toolpath.reversed = property_text(aim, &links, "direction").is_some_and(|direction| direction == "end to beginning");
+    toolpath.values = values_of(aim, &links, &KNOWN);
     let mut read = || -> Result<(), Fault> {
         if let Some(representation) = links.property("basic curve") {
             let representation = aim.representation(representation)?;
@@ -70,8 +53,22 @@ pub(in crate::model) fn read_toolpath(program: &Program, id: u64) -> Toolpath {
     if toolpath.description == "feedstop" {
         toolpath.kind = ToolpathKind::Dwell;
     }
-    toolpath
 }
+
+/// Properties with a place of their own in [`Toolpath`].
+const KNOWN: [&str; 11] = [
+    "basic curve",
+    "tool axis",
+    "tool reference direction",
+    "surface normal",
+    "dwell",
+    "speed profile",
+    "path maximum deviation",
+    "trajectory type",
+    "direction",
+    "twin source",
+    "twin exception",
+];
 
 fn dwell(aim: Aim, representation: u64) -> Result<Option<Dwell>, Fault> {
     let representation = aim.representation(representation)?;
