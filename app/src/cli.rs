@@ -75,6 +75,9 @@ pub enum Command {
     Check(ProgramArgs),
     /// The tree of a STEP-NC or G-code file; --json gives it whole.
     Inspect(InspectArgs),
+    /// Write a G-code program or a cutter-location file (APT, as NX writes it) as a new STEP-NC file, AP238 edition 3.
+    #[command(after_help = CONVERT_HELP)]
+    Convert(ConvertArgs),
     /// Change single things of a STEP-NC file and leave every other byte of it as it is.
     #[command(after_help = EDIT_HELP)]
     Edit(EditArgs),
@@ -257,6 +260,25 @@ pub struct InspectArgs {
     /// Only what is wrong or odd in the file.
     #[arg(long)]
     pub problems: bool,
+}
+
+const CONVERT_HELP: &str = "\
+Each tool, and each operation that the program names, becomes a workingstep; arcs stay arcs, cycles are told move by move, a work offset
+becomes a set-up, stops and messages become NC functions. The plan of the new file is the plan of the program.
+  toolmark convert plate.nc --out plate.stpnc
+  toolmark convert block.cls --out block.stpnc --machine mill-3.toml";
+
+/// `toolmark convert`
+#[derive(Debug, Args)]
+pub struct ConvertArgs {
+    /// G-code, or a cutter-location file (.cls, .cl, .apt, .aptsource).
+    pub program: PathBuf,
+    /// The STEP-NC file to write.
+    #[arg(long, value_name = "F.stpnc")]
+    pub out: PathBuf,
+    /// Name of the project [default: the program's file name].
+    #[arg(long, value_name = "NAME")]
+    pub name: Option<String>,
 }
 
 const EDIT_HELP: &str = "\

@@ -58,6 +58,7 @@ fn run(cli: &Cli) -> u8 {
         Command::Demo(args) => commands::demo::demo(args, common),
         Command::Run(args) => commands::run::run(args, common),
         Command::Check(args) => commands::check::check(args, common),
+        Command::Convert(args) => commands::convert::convert(args, common),
         Command::Edit(args) => commands::edit::edit(args, common),
         Command::Inspect(args) => commands::inspect::inspect(args, common),
         Command::Macro(cli::MacroCommand::Run(args)) => commands::macro_run::macro_run(args, common),

@@ -3,6 +3,7 @@
 pub mod backup;
 pub mod check;
 pub mod compare;
+pub mod convert;
 pub mod demo;
 pub mod edit;
 pub mod hold;

@@ -3,83 +3,10 @@
 //! It knows only [`plan::ProgramStream`]: where a program has no toolpaths of its own, a toolpath is a longest run of rapid moves, a
 //! longest run of feed moves, or a dwell, within a workingstep. Kept is a summary for each toolpath, never the moves.
 
-use plan::{Answer, Diagnostic, Feed, Level, Next, Place, ProgramStream, Speed, SpindleState, Step, StepKind};
-use serde::Serialize;
+pub use plan::inspection::{Inspection, Node, PathEntry, Problem, Summary, ToolName};
+use plan::{Answer, Feed, Level, Next, Place, ProgramStream, Speed, SpindleMode, SpindleState, Step, StepKind};
 use std::collections::BTreeSet;
 use units::Millimetres;
-
-/// What `toolmark inspect --json` prints for a program. Lengths in mm, speeds in mm/s.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Inspection {
-    /// `gcode`.
-    pub kind: &'static str,
-    /// The family of controls it is read as.
-    pub schema: String,
-    /// `mm` or `inch`, as the program's words are.
-    pub units: &'static str,
-    /// Counts over the whole.
-    pub summary: Summary,
-    /// The program and its parts.
-    pub tree: Vec<Node>,
-    /// What was found wrong, odd or assumed; an alarm is the last of it.
-    pub problems: Vec<Diagnostic>,
-}
-
-/// Counts over a program.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Summary {
-    /// Workingsteps that are run.
-    pub workingsteps_enabled: u32,
-    /// Workingsteps that are not; G-code has none.
-    pub workingsteps_disabled: u32,
-    /// Rapid runs, feed runs and dwells.
-    pub toolpaths: u32,
-    /// Rapid runs.
-    pub rapids: u32,
-    /// Dwells.
-    pub dwells: u32,
-    /// Different tools called.
-    pub tools: u32,
-    /// Functions whose meaning is not the motion's.
-    pub nc_functions: u32,
-}
-
-/// A part of the structure.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Node {
-    /// Line of the block that began it; 0 for the whole program.
-    pub id: u64,
-    /// `program`, `workplan`, `workingstep`, `operation`.
-    #[serde(rename = "type")]
-    pub level: &'static str,
-    /// Its name.
-    pub name: String,
-    /// False when it is not run.
-    pub enabled: bool,
-    /// Number of the tool in the spindle when its first toolpath began.
-    pub tool: Option<u32>,
-    /// Its parts.
-    pub children: Vec<Node>,
-    /// Its own toolpaths.
-    pub toolpaths: Vec<Toolpath>,
-}
-
-/// A run of moves of one kind, or a dwell.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Toolpath {
-    /// Line of its first block.
-    pub id: u64,
-    /// `rapid`, `feed` or `dwell`.
-    pub kind: &'static str,
-    /// Highest feed of the run; `None` for rapids and dwells, and for feeds in inverse time.
-    pub feed_mm_s: Option<f64>,
-    /// Spindle speed at its start.
-    pub spindle_rpm: f64,
-    /// `cw`, `ccw` or `stopped`.
-    pub spindle_direction: &'static str,
-    /// Length of its paths; moves of machine axes (G28, G53) have none here.
-    pub length_mm: f64,
-}
 
 /// Reads a whole stream, from its beginning, and sums it up. Questions are answered as a machine with its switches off would: optional
 /// stops do not stop, everything else is unknown. The stream is rewound before; `schema` and `in_inches` are asked of it at the end.
@@ -100,17 +27,17 @@ pub fn inspect<P: ProgramStream>(program: &mut P, schema: &str, in_inches: impl 
         reading.close();
     }
     reading.end_run();
-    let mut problems = program.diagnostics().to_vec();
-    problems.extend(alarm);
+    let problems = program.diagnostics().iter().chain(&alarm).map(Problem::from).collect();
     Inspection {
         kind: "gcode",
         schema: schema.to_owned(),
         units: if in_inches(program) { "inch" } else { "mm" },
         summary: Summary {
-            tools: reading.tools.len() as u32,
+            tools: reading.tools.len() as u64,
             ..reading.summary
         },
         tree: reading.open.pop().map(|root| root.children).unwrap_or_default(),
+        tools: Vec::new(),
         problems,
     }
 }
@@ -119,7 +46,7 @@ pub fn inspect<P: ProgramStream>(program: &mut P, schema: &str, in_inches: impl 
 struct Reading {
     /// The parts that are open, outer first; the first is a root that holds the tree.
     open: Vec<Node>,
-    run: Option<Toolpath>,
+    run: Option<PathEntry>,
     summary: Summary,
     tools: BTreeSet<u32>,
     tool: Option<u32>,
@@ -139,15 +66,13 @@ impl Default for Reading {
     }
 }
 
-fn node(id: u64, level: &'static str, name: String) -> Node {
+fn node(id: u64, level: &str, name: String) -> Node {
     Node {
         id,
-        level,
+        kind: level.to_owned(),
         name,
         enabled: true,
-        tool: None,
-        children: Vec::new(),
-        toolpaths: Vec::new(),
+        ..Node::default()
     }
 }
 
@@ -222,7 +147,7 @@ impl Reading {
             self.begin_run(id, kind, radius);
         }
         if let Some(run) = &mut self.run {
-            run.length_mm += length;
+            run.length_mm = run.length_mm.map(|sum| sum + length);
             run.feed_mm_s = match (run.feed_mm_s, feed) {
                 (Some(a), Some(b)) => Some(a.max(b)),
                 (a, b) => a.or(b),
@@ -231,17 +156,23 @@ impl Reading {
     }
 
     fn begin_run(&mut self, id: u64, kind: &'static str, radius: Millimetres) {
-        self.run = Some(Toolpath {
+        let surface = match self.spindle {
+            SpindleState::Clockwise(SpindleMode::Surface { speed, .. })
+            | SpindleState::Counterclockwise(SpindleMode::Surface { speed, .. }) => Some(speed.0),
+            _ => None,
+        };
+        self.run = Some(PathEntry {
             id,
             kind,
-            feed_mm_s: None,
-            spindle_rpm: self.spindle.revolutions(radius).0,
-            spindle_direction: match self.spindle {
+            spindle_rpm: Some(self.spindle.revolutions(radius).0),
+            surface_speed_mm_s: surface,
+            spindle_direction: Some(match self.spindle {
                 SpindleState::Stopped | SpindleState::Oriented => "stopped",
                 SpindleState::Clockwise(_) => "cw",
                 SpindleState::Counterclockwise(_) => "ccw",
-            },
-            length_mm: 0.0,
+            }),
+            length_mm: Some(0.0),
+            ..PathEntry::default()
         });
     }
 
@@ -254,7 +185,7 @@ impl Reading {
             _ => {}
         }
         if let Some(part) = self.open.last_mut() {
-            part.tool = part.tool.or(self.tool);
+            part.tool = part.tool.take().or(self.tool.map(ToolName::Number));
             part.toolpaths.push(run);
         }
     }

@@ -44,7 +44,7 @@ fn seconds_of(program: &mut GcodeProgram) -> f64 {
 
 fn names(nodes: &[Node], depth: usize, out: &mut String) {
     for node in nodes {
-        *out += &format!("{}{} '{}' tool {:?}", "  ".repeat(depth), node.level, node.name, node.tool);
+        *out += &format!("{}{} '{}' tool {:?}", "  ".repeat(depth), node.kind, node.name, node.tool);
         for path in &node.toolpaths {
             *out += &format!(" {}@{}", path.kind, path.id);
         }
@@ -75,12 +75,12 @@ fn the_plate_is_three_workingsteps() {
         "fanuc-mill",
         mill_tables(),
         expect![[r#"
-        fanuc-mill mm Summary { workingsteps_enabled: 3, workingsteps_disabled: 0, toolpaths: 44, rapids: 24, dwells: 0, tools: 3, nc_functions: 0 }
-        program 'O1100 PLATE 60 X 40 X 12' tool None rapid@7
-          workingstep 'T1 50 MM FACE MILL' tool Some(1) rapid@12 feed@15 rapid@16
-          workingstep 'T2 10 MM END MILL, 3 FLUTES' tool Some(2) rapid@22 feed@26 rapid@55
-          workingstep 'T3 6.6 MM DRILL' tool Some(3) rapid@61 feed@63 rapid@63 feed@63 rapid@63 feed@63 rapid@63 feed@63 rapid@63 feed@64 rapid@64 feed@64 rapid@64 feed@64 rapid@64 feed@64 rapid@64 feed@65 rapid@65 feed@65 rapid@65 feed@65 rapid@65 feed@65 rapid@65 feed@66 rapid@66 feed@66 rapid@66 feed@66 rapid@66 feed@66 rapid@66 feed@70 rapid@70 feed@71 rapid@71
-    "#]],
+            fanuc-mill mm Summary { workingsteps_enabled: 3, workingsteps_disabled: 0, toolpaths: 44, rapids: 24, dwells: 0, tools: 3, nc_functions: 0 }
+            program 'O1100 PLATE 60 X 40 X 12' tool None rapid@7
+              workingstep 'T1 50 MM FACE MILL' tool Some(Number(1)) rapid@12 feed@15 rapid@16
+              workingstep 'T2 10 MM END MILL, 3 FLUTES' tool Some(Number(2)) rapid@22 feed@26 rapid@55
+              workingstep 'T3 6.6 MM DRILL' tool Some(Number(3)) rapid@61 feed@63 rapid@63 feed@63 rapid@63 feed@63 rapid@63 feed@63 rapid@63 feed@64 rapid@64 feed@64 rapid@64 feed@64 rapid@64 feed@64 rapid@64 feed@65 rapid@65 feed@65 rapid@65 feed@65 rapid@65 feed@65 rapid@65 feed@66 rapid@66 feed@66 rapid@66 feed@66 rapid@66 feed@66 rapid@66 feed@70 rapid@70 feed@71 rapid@71
+        "#]],
     );
 }
 
@@ -91,11 +91,11 @@ fn the_shaft_is_roughed_and_finished() {
         "fanuc-lathe",
         lathe_tables(),
         expect![[r#"
-        fanuc-lathe mm Summary { workingsteps_enabled: 2, workingsteps_disabled: 0, toolpaths: 17, rapids: 10, dwells: 0, tools: 2, nc_functions: 0 }
-        program 'O2040 SHAFT D40 F7' tool None rapid@10
-          workingstep 'T1 ROUGHING CNMG 12' tool Some(1) rapid@16 feed@18 rapid@19 feed@22 rapid@24 feed@26 rapid@28 feed@30 rapid@32 feed@34 rapid@36 feed@38 rapid@40
-          workingstep 'T3 FINISHING DNMG 11' tool Some(3) rapid@47 feed@48 rapid@63
-    "#]],
+            fanuc-lathe mm Summary { workingsteps_enabled: 2, workingsteps_disabled: 0, toolpaths: 17, rapids: 10, dwells: 0, tools: 2, nc_functions: 0 }
+            program 'O2040 SHAFT D40 F7' tool None rapid@10
+              workingstep 'T1 ROUGHING CNMG 12' tool Some(Number(1)) rapid@16 feed@18 rapid@19 feed@22 rapid@24 feed@26 rapid@28 feed@30 rapid@32 feed@34 rapid@36 feed@38 rapid@40
+              workingstep 'T3 FINISHING DNMG 11' tool Some(Number(3)) rapid@47 feed@48 rapid@63
+        "#]],
     );
 }
 

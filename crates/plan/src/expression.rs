@@ -53,6 +53,51 @@ pub enum Operator {
     Xor,
 }
 
+impl std::fmt::Display for Operator {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Operator::Add => "+",
+            Operator::Subtract => "-",
+            Operator::Multiply => "*",
+            Operator::Divide => "/",
+            Operator::Equal => "=",
+            Operator::NotEqual => "<>",
+            Operator::Less => "<",
+            Operator::LessOrEqual => "<=",
+            Operator::Greater => ">",
+            Operator::GreaterOrEqual => ">=",
+            Operator::And => "AND",
+            Operator::Or => "OR",
+            Operator::Xor => "XOR",
+        })
+    }
+}
+
+impl std::fmt::Display for Expression {
+    /// The expression as a person writes it: operators between operands, what is inside in parentheses.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        struct Inside<'e>(&'e Expression);
+        impl std::fmt::Display for Inside<'_> {
+            fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                match self.0 {
+                    Expression::Binary(..) => write!(f, "({})", self.0),
+                    plain => write!(f, "{plain}"),
+                }
+            }
+        }
+        match self {
+            Expression::Number(number, None) => write!(f, "{number}"),
+            Expression::Number(number, Some(unit)) => write!(f, "{number} {unit}"),
+            Expression::Truth(true) => f.write_str("TRUE"),
+            Expression::Truth(false) => f.write_str("FALSE"),
+            Expression::Name(name) => f.write_str(name),
+            Expression::Not(inner) => write!(f, "NOT {}", Inside(inner)),
+            Expression::Negate(inner) => write!(f, "-{}", Inside(inner)),
+            Expression::Binary(operator, left, right) => write!(f, "{} {operator} {}", Inside(left), Inside(right)),
+        }
+    }
+}
+
 /// What an expression evaluates to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Value {
@@ -157,5 +202,18 @@ mod tests {
         assert_eq!(over.evaluate(&load(81.0)), Ok(Value::Truth(true)));
         assert_eq!(over.evaluate(&load(79.0)), Ok(Value::Truth(false)));
         assert_eq!(over.evaluate(&|_| None), Err(ExpressionError::Unknown("X.LOAD".into())));
+    }
+
+    #[test]
+    fn an_expression_reads_as_a_person_writes_it() {
+        let name = |name: &str| Box::new(Expression::Name(name.into()));
+        let hot = Expression::Binary(
+            Operator::Greater,
+            name("S1.TEMPERATURE"),
+            Box::new(Expression::Number(60.5, None)),
+        );
+        let open = Expression::Not(name("DOOR"));
+        let both = Expression::Binary(Operator::And, Box::new(hot), Box::new(open));
+        assert_eq!(both.to_string(), "(S1.TEMPERATURE > 60.5) AND NOT DOOR");
     }
 }

@@ -55,10 +55,14 @@ pub(crate) struct Links {
     pub(crate) processes: Vec<(String, u64)>,
     /// Role and date.
     pub(crate) dates: Vec<(String, u64)>,
+    /// Role and person: `operator`, `A. Miller`.
+    pub(crate) people: Vec<(String, String)>,
+    /// Status of approvals.
+    pub(crate) approvals: Vec<String>,
 }
 
 /// The relationships that the reader follows. Their entities are subtypes of each other: the leaf decides.
-pub(crate) const RELATIONSHIPS: [&str; 11] = [
+pub(crate) const RELATIONSHIPS: [&str; 14] = [
     "MACHINING_PROCESS_SEQUENCE_RELATIONSHIP",
     "MACHINING_PROCESS_BRANCH_RELATIONSHIP",
     "MACHINING_PROCESS_CONCURRENT_RELATIONSHIP",
@@ -70,6 +74,9 @@ pub(crate) const RELATIONSHIPS: [&str; 11] = [
     "MACHINING_FUNCTIONS_RELATIONSHIP",
     "MACHINING_TWIN_RELATIONSHIP",
     "MACHINING_USAGE_RELATIONSHIP",
+    "MACHINING_FEATURE_SEQUENCE_RELATIONSHIP",
+    "MACHINING_FINAL_FEATURE_RELATIONSHIP",
+    "MACHINING_STRATEGY_RELATIONSHIP",
 ];
 
 /// A file, asked in the words of the AIM.
@@ -171,6 +178,12 @@ impl<'f> Aim<'f> {
                         links.dates.push((role, date));
                     }
                 }
+                "APPLIED_PERSON_AND_ORGANIZATION_ASSIGNMENT"
+                | "APPLIED_PERSON_ASSIGNMENT"
+                | "APPLIED_ORGANIZATION_ASSIGNMENT" => {
+                    links.people.extend(self.person(row, id));
+                }
+                "APPLIED_APPROVAL_ASSIGNMENT" => links.approvals.extend(self.approval(row, id)),
                 _ => {
                     let Some(&keyword) = RELATIONSHIPS.iter().find(|known| **known == keyword) else {
                         continue;
@@ -191,6 +204,61 @@ impl<'f> Aim<'f> {
             }
         }
         links
+    }
+
+    /// Role and name of a person or organization that is assigned to `item`.
+    fn person(self, assignment: Row, item: u64) -> Option<(String, String)> {
+        let assignment = self.file.instance(assignment).ok()?;
+        if !assignment.argument(2).references().any(|assigned| assigned == item) {
+            return None;
+        }
+        let role = self.instance(assignment.argument(1).reference()?).ok()?;
+        let who = self.instance(assignment.argument(0).reference()?).ok()?;
+        let name_of = |id: u64| -> Option<String> {
+            let who = self.instance(id).ok()?;
+            // PERSON(id, last name, first name, ..) and ORGANIZATION(id, name, ..).
+            let words: Vec<Cow<str>> = match self.keyword(id) {
+                "PERSON" => [2, 1].map(|n| text(who.argument(n))).into(),
+                _ => [1].map(|n| text(who.argument(n))).into(),
+            };
+            let words: Vec<&str> = words.iter().map(|word| word.trim()).filter(|word| !word.is_empty()).collect();
+            match words.is_empty() {
+                true => Some(text(who.argument(0)).into_owned()),
+                false => Some(words.join(" ")),
+            }
+        };
+        let names: Vec<String> = match who.part("PERSON_AND_ORGANIZATION") {
+            Some(parts) => parts.iter().filter_map(Value::reference).filter_map(name_of).collect(),
+            None => assignment.argument(0).reference().and_then(name_of).into_iter().collect(),
+        };
+        let names: Vec<String> = names.into_iter().filter(|name| !name.is_empty()).collect();
+        Some((text(role.argument(0)).into_owned(), names.join(", ")))
+    }
+
+    /// Status of an approval that is assigned to `item`.
+    fn approval(self, assignment: Row, item: u64) -> Option<String> {
+        let assignment = self.file.instance(assignment).ok()?;
+        if !assignment.argument(1).references().any(|assigned| assigned == item) {
+            return None;
+        }
+        let approval = self.instance(assignment.argument(0).reference()?).ok()?;
+        let status = approval.argument(0).reference().and_then(|status| self.instance(status).ok());
+        let words = [
+            status.map(|status| text(status.argument(0)).into_owned()),
+            Some(text(approval.argument(1)).into_owned()),
+        ];
+        let words: Vec<String> = words.into_iter().flatten().filter(|word| !word.is_empty()).collect();
+        Some(words.join(", "))
+    }
+
+    /// The arguments of an instance as its supertype `part` has them: those of a complex instance's part, or its own.
+    ///
+    /// Some writers spell out the supertypes of an executable or a tool: `(ACTION_METHOD('WS 1',..) MACHINING_WORKINGSTEP() ..)`.
+    pub(crate) fn attributes<'i>(self, instance: &'i Instance<'f>, part: &str) -> &'i [Value<'f>] {
+        match instance {
+            Instance::Simple(record) => &record.arguments,
+            Instance::Complex(_) => instance.part(part).unwrap_or(&[]),
+        }
     }
 
     /// Name, items and context of a representation.

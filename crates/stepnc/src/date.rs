@@ -17,6 +17,22 @@ pub(crate) struct Civil {
     pub(crate) nanos: u64,
 }
 
+/// The moment as people and RFC 3339 write it, UTC, to the second.
+pub(crate) fn words(moment: Timestamp) -> String {
+    let Civil {
+        year,
+        month,
+        day,
+        hour,
+        minute,
+        nanos,
+    } = Civil::of(moment);
+    format!(
+        "{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{:02}Z",
+        nanos / 1_000_000_000
+    )
+}
+
 const SECOND: i64 = 1_000_000_000;
 const DAY: i64 = 86_400 * SECOND;
 

@@ -7,20 +7,63 @@ use crate::aim::{Aim, Links};
 use part21::{Instance, Value};
 use plan::Expression;
 use plan::expression::Operator;
+use std::cell::Cell;
+use std::collections::BTreeMap;
 
 const DEEPEST: u32 = 64;
+
+/// Parts of one expression, at most: shared operands can make few instances a tree without end, and a long chain is as deep
+/// as it is long.
+const MOST_PARTS: u32 = 1_000;
 
 /// The expression that a property holds.
 pub(crate) fn of_property(aim: Aim, links: &Links, property: &str) -> Result<Expression, String> {
     let item = item(aim, links, property)?;
-    read(aim, item, 0)
+    read(aim, item, 0, &Cell::new(0))
 }
 
 /// The name of the variable that a property holds.
 pub(crate) fn variable_name(aim: Aim, links: &Links, property: &str) -> Option<String> {
-    match read(aim, item(aim, links, property).ok()?, 0).ok()? {
+    match read(aim, item(aim, links, property).ok()?, 0, &Cell::new(0)).ok()? {
         Expression::Name(name) => Some(name),
         _ => None,
+    }
+}
+
+/// The expression that an attribute is or refers to (ISO 14649).
+pub(crate) fn of_value(aim: Aim, value: Option<&Value>) -> Result<Expression, String> {
+    match value {
+        Some(Value::Reference(id)) => read(aim, *id, 0, &Cell::new(0)),
+        Some(value) => operand(value).ok_or_else(|| "it is missing".to_string()),
+        None => Err("it is missing".into()),
+    }
+}
+
+/// The values that variables of the AIM have before the program: `initial value` between a variable's item and a literal's.
+pub(crate) fn initial_values(aim: Aim) -> BTreeMap<String, f64> {
+    let mut values = BTreeMap::new();
+    for row in aim.file.by_keyword("REPRESENTATION_ITEM_RELATIONSHIP") {
+        let Ok(relation) = aim.parsed(row) else { continue };
+        if !(0..2).any(|n| relation.argument(n).text() == Some("initial value")) {
+            continue;
+        }
+        let (Some(variable), Some(value)) = (relation.argument(2).reference(), relation.argument(3).reference()) else {
+            continue;
+        };
+        if let (Ok(Expression::Name(name)), Ok(Expression::Number(number, _))) =
+            (read(aim, variable, 0, &Cell::new(0)), read(aim, value, 0, &Cell::new(0)))
+        {
+            values.insert(name, number);
+        }
+    }
+    values
+}
+
+/// A literal that stands where an expression is due.
+fn operand(value: &Value) -> Option<Expression> {
+    match value.boolean() {
+        Some(truth) => Some(Expression::Truth(truth)),
+        None => value.number().map(|number| Expression::Number(number, None)),
     }
 }
 
@@ -34,9 +77,10 @@ fn item(aim: Aim, links: &Links, property: &str) -> Result<u64, String> {
         .ok_or_else(|| format!("its {property} is empty"))
 }
 
-fn read(aim: Aim, id: u64, depth: u32) -> Result<Expression, String> {
-    if depth > DEEPEST {
-        return Err("an expression is nested too deep, or contains itself".into());
+fn read(aim: Aim, id: u64, depth: u32, parts: &Cell<u32>) -> Result<Expression, String> {
+    parts.set(parts.get() + 1);
+    if depth > DEEPEST || parts.get() > MOST_PARTS {
+        return Err("an expression is nested too deep, has too many parts, or contains itself".into());
     }
     let instance = aim.instance(id).map_err(|fault| fault.message)?;
     let is = |name: &str| aim.is(id, name);
@@ -49,21 +93,38 @@ fn read(aim: Aim, id: u64, depth: u32) -> Result<Expression, String> {
         if is_variable(aim, inner) {
             return name(aim, inner, Some(id));
         }
-        return read(aim, inner, depth + 1);
+        return read(aim, inner, depth + 1, parts);
     }
     if is_variable(aim, id) {
         return name(aim, id, None);
     }
     let operands = || -> Result<Vec<Expression>, String> {
-        let mut ids: Vec<u64> = Vec::new();
-        for record in instance.records() {
-            for argument in &record.arguments {
-                ids.extend(argument.reference());
-                ids.extend(argument.references());
+        let mut found = Vec::new();
+        for argument in instance.records().iter().flat_map(|record| &record.arguments) {
+            for id in argument.reference().into_iter().chain(argument.references()) {
+                found.push(read(aim, id, depth + 1, parts)?);
             }
+            found.extend(operand(argument));
         }
-        ids.into_iter().map(|id| read(aim, id, depth + 1)).collect()
+        Ok(found)
     };
+    // ISO 14649: a constant has a name and a value, a variable a name and perhaps a value before the program.
+    if is("NC_CONSTANT") {
+        let value = arguments(&instance, "NC_CONSTANT").iter().find_map(Value::number);
+        return value
+            .map(|number| Expression::Number(number, None))
+            .ok_or_else(|| format!("constant #{id} has no value"));
+    }
+    if is("NC_VARIABLE") {
+        let name = arguments(&instance, "NC_VARIABLE")
+            .first()
+            .and_then(Value::text)
+            .unwrap_or_default();
+        return match name {
+            "" => Err(format!("variable #{id} has no name")),
+            name => Ok(Expression::Name(name.to_string())),
+        };
+    }
     let value = |name: &str| arguments(&instance, name).iter().rev().find_map(|v| v.number());
     for literal in [
         "REAL_LITERAL",
@@ -135,7 +196,7 @@ fn read(aim: Aim, id: u64, depth: u32) -> Result<Expression, String> {
 
 fn is_variable(aim: Aim, id: u64) -> bool {
     let keyword = aim.keyword(id);
-    keyword.split(' ').any(|part| part.ends_with("_VARIABLE"))
+    keyword != "NC_VARIABLE" && keyword.split(' ').any(|part| part.ends_with("_VARIABLE"))
 }
 
 /// The name of a variable: of the item around it, of itself when it is an item, or of the item that wraps it elsewhere.

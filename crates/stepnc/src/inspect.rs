@@ -1,189 +1,15 @@
-//! The tree of a program as plain data: what `toolmark inspect --json` prints. The field names are the command's contract.
+//! The tree of a program as plain data ([`plan::inspection`]): what `toolmark inspect` prints.
+//!
+//! Lengths of all curves are added up, so every curve is read; what cannot be read is a problem in the answer.
 
 use crate::model::{Executable, ExecutableKind, FeedSetting, Function, Program, SpindleSetting, Tool, Toolpath, ToolpathKind};
-use plan::{Diagnostic, Diagnostics, Severity};
-use serde::Serialize;
+pub use plan::inspection::{
+    FeatureEntry, FunctionEntry, Inspection, NamedValue, Node, OperationEntry, PathEntry, Problem, Quantity, Summary, ToolEntry,
+    ToolName,
+};
+use plan::{Diagnostics, Severity};
 use std::collections::BTreeSet;
 use units::Millimetres;
-
-/// A whole file.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Inspection {
-    /// `step-nc`, or `iso-14649` for a file that is recognised only.
-    pub kind: &'static str,
-    /// The name in FILE_SCHEMA.
-    pub schema: String,
-    /// Unit in which the toolpaths are written: `mm`, `inch`, `mixed`, `other` or `none`. Figures in here are in mm all the same.
-    pub units: &'static str,
-    /// Counts over the plans; over the twins when the file has no plan.
-    pub summary: Summary,
-    /// The main workplans of all projects, plans and twins.
-    pub tree: Vec<Node>,
-    /// What was wrong or odd, one entry a kind.
-    pub problems: Vec<ProblemEntry>,
-}
-
-/// Counts of a program. What is executed twice counts twice.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-pub struct Summary {
-    /// Workingsteps that are enabled, their parents included.
-    pub workingsteps_enabled: u64,
-    /// Workingsteps that are not.
-    pub workingsteps_disabled: u64,
-    /// Toolpaths of the enabled ones, dwells included.
-    pub toolpaths: u64,
-    /// Rapid ones among them.
-    pub rapids: u64,
-    /// Dwells among them.
-    pub dwells: u64,
-    /// Tools that the file describes; some writers repeat a tool for each operation, which counts once.
-    pub tools: u64,
-    /// Functions of the control in the tree.
-    pub nc_functions: u64,
-}
-
-/// An executable.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Node {
-    /// Its instance.
-    pub id: u64,
-    /// `workplan`, `workingstep`, `selective`, `parallel`, `non-sequential`, `if`, `while`, `assignment`, `nc-function`.
-    #[serde(rename = "type")]
-    pub kind: String,
-    /// Its name.
-    pub name: String,
-    /// False when it or a parent is disabled.
-    pub enabled: bool,
-    /// The tool of its operation or function: its number, or its name when that is no number.
-    pub tool: Option<ToolName>,
-    /// What is below it, in order.
-    pub children: Vec<Node>,
-    /// The toolpaths of its operation, in order.
-    pub toolpaths: Vec<PathEntry>,
-    /// The project, on the main workplan of one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub project: Option<String>,
-    /// True when it tells what happened.
-    #[serde(skip_serializing_if = "is_false")]
-    pub twin: bool,
-    /// The planned executable of a twin.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub twin_of: Option<u64>,
-    /// Where the planned executable is, when it is in another file: `plan.stpnc#main`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub twin_of_uri: Option<String>,
-    /// The operation of a workingstep.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub operation: Option<OperationEntry>,
-    /// The function, of a function.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub function: Option<FunctionEntry>,
-    /// The set-up that begins here.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub setup: Option<String>,
-}
-
-/// How a tool is called.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-#[serde(untagged)]
-pub enum ToolName {
-    /// Its number.
-    Number(u32),
-    /// Its name, when there is no number in it.
-    Name(String),
-}
-
-/// An operation.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct OperationEntry {
-    /// Its instance.
-    pub id: u64,
-    /// The entity.
-    #[serde(rename = "type")]
-    pub kind: String,
-    /// Its name.
-    pub name: String,
-    /// Its variant.
-    pub variant: String,
-}
-
-/// A function of the control.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct FunctionEntry {
-    /// The kind.
-    pub kind: String,
-    /// Its text.
-    pub text: String,
-}
-
-/// A toolpath.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct PathEntry {
-    /// Its instance.
-    pub id: u64,
-    /// `rapid`, `feed` or `dwell`.
-    pub kind: &'static str,
-    /// Its name.
-    pub name: String,
-    /// The feed, a constant multiplier included; nothing on rapid paths and dwells.
-    pub feed_mm_s: Option<f64>,
-    /// Spindle speed; 0 when it stands, nothing when the file does not say or gives a surface speed.
-    pub spindle_rpm: Option<f64>,
-    /// `cw`, `ccw` or `stopped`.
-    pub spindle_direction: Option<&'static str>,
-    /// Length of the curve; nothing when it cannot be read.
-    pub length_mm: Option<f64>,
-    /// How long a dwell takes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub dwell_s: Option<f64>,
-    /// `approach`, `lift`, `contact` ...
-    #[serde(skip_serializing_if = "String::is_empty")]
-    pub trajectory: String,
-    /// How far the machine may leave the path.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub maximum_deviation_mm: Option<f64>,
-}
-
-/// One kind of problem.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct ProblemEntry {
-    /// The kind.
-    pub code: &'static str,
-    /// `remark`, `warning` or `error`.
-    pub severity: Severity,
-    /// What was found, and what to do.
-    pub message: String,
-    /// First place; 0 when unknown.
-    pub line: u32,
-    /// First place; 0 when unknown.
-    pub column: u32,
-    /// How often.
-    pub count: u32,
-}
-
-impl From<&Diagnostic> for ProblemEntry {
-    fn from(diagnostic: &Diagnostic) -> Self {
-        let mut message = diagnostic.message.clone();
-        if let Some(id) = diagnostic.entity {
-            message = format!("#{id}: {message}");
-        }
-        if !diagnostic.remedy.is_empty() {
-            message = format!("{message}; {}", diagnostic.remedy);
-        }
-        ProblemEntry {
-            code: diagnostic.code,
-            severity: diagnostic.severity,
-            message,
-            line: diagnostic.line,
-            column: diagnostic.column,
-            count: diagnostic.count,
-        }
-    }
-}
-
-fn is_false(value: &bool) -> bool {
-    !value
-}
 
 /// Nodes of one tree, at most: shared executables can make a small file's tree endless.
 const MOST_NODES: u64 = 1_000_000;
@@ -212,6 +38,7 @@ pub fn inspect(program: &Program) -> Inspection {
         let mut node = inspector.node(project.main_workplan, true, &mut Vec::new());
         if let Some(node) = &mut node {
             node.project = Some(project.name.clone());
+            node.values.splice(0..0, project.values.iter().cloned());
         }
         tree.extend(node);
     }
@@ -221,7 +48,97 @@ pub fn inspect(program: &Program) -> Inspection {
         units: unit_word(&inspector.units),
         summary: inspector.summary,
         tree,
-        problems: inspector.problems.as_slice().iter().map(ProblemEntry::from).collect(),
+        tools: program.tools().iter().map(tool_entry).collect(),
+        problems: inspector.problems.as_slice().iter().map(Problem::from).collect(),
+    }
+}
+
+fn feature_entry(feature: &crate::model::Feature) -> FeatureEntry {
+    FeatureEntry {
+        id: feature.id,
+        kind: feature.kinds.join(" "),
+        name: feature.name.clone(),
+        values: feature.values.clone(),
+    }
+}
+
+fn tool_name(tool: &Tool) -> ToolName {
+    match tool.number {
+        Some(number) => ToolName::Number(number.0),
+        None => ToolName::Name(tool.name.clone()),
+    }
+}
+
+fn tool_entry(tool: &Tool) -> ToolEntry {
+    ToolEntry {
+        id: tool.id,
+        tool: tool_name(tool),
+        name: tool.name.clone(),
+        kind: tool.kind.clone(),
+        values: tool.values.clone(),
+    }
+}
+
+/// What a node shows besides its children: the set-up's frames first, then what the file says.
+fn values_of(executable: &Executable) -> Vec<NamedValue> {
+    let mut values = Vec::new();
+    if let Some(setup) = &executable.setup {
+        let place = |name: &str, origin: [f64; 3]| NamedValue::new(name, Quantity::Place { place_mm: origin });
+        values.extend(
+            setup
+                .machine_from_setup
+                .map(|frame| place("set-up origin in the machine", frame.origin)),
+        );
+        values.extend(
+            setup
+                .setup_from_part
+                .map(|frame| place("workpiece in the set-up", frame.origin)),
+        );
+        values.extend(
+            setup
+                .security_plane
+                .map(|height| NamedValue::measure("security plane", height.0, "mm")),
+        );
+        if let Some(fixture) = &setup.fixture {
+            values.push(NamedValue::text("fixture", &fixture.name));
+            values.extend(fixture.values.iter().cloned().map(|mut value| {
+                value.name = format!("fixture: {}", value.name);
+                value
+            }));
+        }
+    }
+    values.extend(executable.orientation.map(|frame| {
+        let [x, y, z] = frame.origin;
+        let turned = if frame.is_shift() { "" } else { ", turned" };
+        NamedValue::text("toolpath orientation", format!("moved by ({x} {y} {z}){turned}"))
+    }));
+    values.extend(
+        executable
+            .security_plane
+            .map(|height| NamedValue::measure("security plane", height.0, "mm")),
+    );
+    if let Some(twin) = &executable.twin {
+        let mut text = |name: &str, text: Option<String>| values.extend(text.map(|text| NamedValue::text(name, text)));
+        text("twin start", twin.start.map(crate::date::words));
+        text("twin end", twin.end.map(crate::date::words));
+        text("twin source", twin.source.clone());
+        text("twin exception", twin.exception.clone());
+        values.extend(twin.worktime.map(|time| NamedValue::measure("twin worktime", time.0, "s")));
+    }
+    values.extend(executable.values.iter().cloned());
+    values
+}
+
+/// The condition or assignment of an executable, for people.
+fn condition_of(executable: &Executable) -> Option<String> {
+    let said = |expression: &Result<plan::Expression, String>| match expression {
+        Ok(expression) => expression.to_string(),
+        Err(why) => format!("(not readable: {why})"),
+    };
+    match &executable.kind {
+        ExecutableKind::If { condition, .. } | ExecutableKind::While { condition, .. } => Some(said(condition)),
+        ExecutableKind::Assignment { variable, value } => Some(format!("{variable} = {}", said(value))),
+        _ => None,
     }
 }
 
@@ -292,10 +209,7 @@ impl<'p> Inspector<'p> {
             kind: executable.kind_word().to_string(),
             name: executable.name.clone(),
             enabled,
-            tool: tool.map(|tool| match tool.number {
-                Some(number) => ToolName::Number(number.0),
-                None => ToolName::Name(tool.name.clone()),
-            }),
+            tool: tool.map(tool_name),
             children,
             toolpaths,
             project: None,
@@ -313,6 +227,7 @@ impl<'p> Inspector<'p> {
                     kind: operation.kind.clone(),
                     name: operation.name.clone(),
                     variant: operation.variant.clone(),
+                    values: operation.values.clone(),
                 }),
             function: match &executable.kind {
                 ExecutableKind::Function(Function { kind, text, .. }) => Some(FunctionEntry {
@@ -322,6 +237,15 @@ impl<'p> Inspector<'p> {
                 _ => None,
             },
             setup: executable.setup.as_ref().map(|setup| setup.name.clone()),
+            condition: condition_of(executable),
+            features: executable
+                .features
+                .iter()
+                .filter_map(|&id| program.feature(id))
+                .map(feature_entry)
+                .collect(),
+            values: values_of(executable),
+            time_s: None,
         })
     }
 
@@ -422,12 +346,24 @@ impl<'p> Inspector<'p> {
             },
             trajectory: toolpath.trajectory.clone(),
             maximum_deviation_mm: toolpath.maximum_deviation.map(|deviation| deviation.0),
+            feed_mm_rev: match (toolpath.kind, technology.and_then(|technology| technology.feed)) {
+                (ToolpathKind::Feed, Some(FeedSetting::PerRevolution(length))) => Some(length.0 * constant_factor.unwrap_or(1.0)),
+                _ => None,
+            },
+            surface_speed_mm_s: match technology.and_then(|technology| technology.spindle) {
+                Some(SpindleSetting::Surface { speed, .. }) => Some(speed.0),
+                _ => None,
+            },
+            time_s: None,
         }
     }
 
     fn length(&mut self, toolpath: &Toolpath) -> Option<f64> {
         if toolpath.kind == ToolpathKind::Dwell {
             return Some(0.0);
+        }
+        if toolpath.is_connection() {
+            return None; // as long as from where the tool is to the next path
         }
         let program = self.program;
         let pieces = match program.pieces(toolpath) {

@@ -10,6 +10,7 @@
 //! Read on: [`model`] for what a program consists of, [`stream`] for running it, [`twin`] for as-executed models.
 
 mod aim;
+mod arm;
 pub mod curve;
 mod date;
 pub mod dimensions;
@@ -17,6 +18,7 @@ pub mod edit;
 mod expression;
 pub mod inspect;
 pub mod model;
+mod named;
 pub mod select;
 pub mod stream;
 pub mod twin;
@@ -24,9 +26,10 @@ mod unit;
 pub mod write;
 
 pub use model::{
-    Dwell, Executable, ExecutableKind, FeedSetting, Function, MachineFunctions, Operation, Program, Project, Setup,
-    SpindleSetting, Technology, Tool, Toolpath, ToolpathKind, TwinFacts,
+    Dwell, Executable, ExecutableKind, Feature, FeedSetting, Fixture, Function, MachineFunctions, Operation, Program, Project,
+    Setup, SpindleSetting, Technology, Tool, Toolpath, ToolpathKind, TwinFacts,
 };
 pub use part21::ReadError;
+pub use plan::inspection::{NamedValue, Quantity};
 pub use stream::{PathFrame, StepNcStream, StreamOptions};
 pub use twin::write_new;

@@ -7,9 +7,11 @@
 mod read;
 
 use crate::aim::{Aim, Fault};
+use crate::arm;
 use crate::curve::{self, Pieces};
 use crate::unit::ContextUnits;
 use part21::{File, ReadError};
+use plan::inspection::NamedValue;
 use plan::{CoolantState, Diagnostic, Diagnostics, Expression, Path, Severity, SpeedProfile};
 use std::collections::{BTreeMap, BTreeSet};
 use units::{Machine, Millimetres, MmPerSec, Part, Rpm, Seconds, Timestamp, ToolNumber, Transform};
@@ -26,6 +28,12 @@ pub struct Program {
     functions: BTreeMap<u64, MachineFunctions>,
     tools: Vec<Tool>,
     tool_of: BTreeMap<u64, usize>,
+    features: BTreeMap<u64, Feature>,
+    /// Toolpaths of operations that only move: rapid, whatever they say of themselves.
+    rapid_paths: BTreeSet<u64>,
+    /// Values that variables have before the program.
+    initial_values: BTreeMap<String, f64>,
+    iso_14649: bool,
     contexts: BTreeMap<u64, Result<ContextUnits, Fault>>,
     diagnostics: Diagnostics,
 }
@@ -41,6 +49,8 @@ pub struct Project {
     pub main_workplan: u64,
     /// True when it tells what happened and not what shall happen.
     pub is_twin: bool,
+    /// Owner, release date, approval, workpiece and whatever else the file says of it.
+    pub values: Vec<NamedValue>,
 }
 
 /// A node of the program's tree: something that is executed. Its children are entity identifiers, so a shared one is shared.
@@ -62,6 +72,23 @@ pub struct Executable {
     pub security_plane: Option<Millimetres>,
     /// Present when it tells what happened.
     pub twin: Option<TwinFacts>,
+    /// The features that a workingstep makes, by their instances; see [`Program::feature`].
+    pub features: Vec<u64>,
+    /// People, machines, approvals, dates and results: what the file says of it besides.
+    pub values: Vec<NamedValue>,
+}
+
+/// A feature of the workpiece that a workingstep makes. Nothing is computed from it; it is there to be read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Feature {
+    /// Its instance.
+    pub id: u64,
+    /// Its name for people.
+    pub name: String,
+    /// Its entity names: `ROUND_HOLE`; of a complex instance those that say what it is.
+    pub kinds: Vec<String>,
+    /// Its dimensions and other data.
+    pub values: Vec<NamedValue>,
 }
 
 /// The kinds of executables.
@@ -152,6 +179,19 @@ pub struct Setup {
     pub setup_from_part: Option<Transform<units::Setup, Part>>,
     /// Height above which nothing is in the way.
     pub security_plane: Option<Millimetres>,
+    /// What holds the workpiece.
+    pub fixture: Option<Fixture>,
+}
+
+/// A fixture as a set-up uses it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fixture {
+    /// The MACHINING_FIXTURE_USAGE.
+    pub id: u64,
+    /// Its name.
+    pub name: String,
+    /// Where it is mounted (`mount reference`) and where the workpiece is in it (`workpiece reference`), in its own frame, and more.
+    pub values: Vec<NamedValue>,
 }
 
 /// What a workingstep does.
@@ -171,6 +211,8 @@ pub struct Operation {
     pub technology: Option<u64>,
     /// Machine functions for toolpaths that have none of their own.
     pub functions: Option<u64>,
+    /// Depths, allowances, planes, strategies: its attributes by the words of the file.
+    pub values: Vec<NamedValue>,
 }
 
 /// Feed and spindle speed.
@@ -246,6 +288,8 @@ pub struct Tool {
     pub teeth: Option<f64>,
     /// Operations and functions that use it.
     pub users: Vec<u64>,
+    /// All that the file says of it: dimensions with their limits, teeth, hand of cut, place in the magazine, life of its edges.
+    pub values: Vec<NamedValue>,
 }
 
 /// What a toolpath does.
@@ -299,6 +343,8 @@ pub struct Toolpath {
     pub tilted: bool,
     /// When it was run, in a twin.
     pub twin: Option<TwinFacts>,
+    /// What else the file says of it: priority, what it removes.
+    pub values: Vec<NamedValue>,
     /// The curve and the representation that holds it.
     pub(crate) curve: Option<(u64, u64)>,
     /// The context of the curve, which has its units.
@@ -345,6 +391,10 @@ impl Program {
             functions: BTreeMap::new(),
             tools: Vec::new(),
             tool_of: BTreeMap::new(),
+            features: BTreeMap::new(),
+            rapid_paths: BTreeSet::new(),
+            initial_values: BTreeMap::new(),
+            iso_14649: arm::is_arm(&file),
             contexts: BTreeMap::new(),
             diagnostics: Diagnostics::new(),
             file,
@@ -363,8 +413,8 @@ impl Program {
             diagnostic.count = small(problem.count);
             program.diagnostics.add(diagnostic);
         }
-        if program.is_iso_14649() {
-            program.report_iso_14649();
+        if program.iso_14649 {
+            program.take(arm::read(&program));
         } else {
             read::Builder::default().run(&mut program);
         }
@@ -386,12 +436,33 @@ impl Program {
         &self.schema
     }
 
-    /// True for an ISO 14649 (ARM) file, which is recognised and not run.
+    /// True for an ISO 14649 file, which stores the objects as they are (ARM) and not as AP238 does (AIM).
     pub fn is_iso_14649(&self) -> bool {
-        self.schema == "MACHINING_SCHEMA"
-            || self.schema == "MILLING_SCHEMA"
-            || self.schema == "TURNING_SCHEMA"
-            || self.schema == "COMBINED_SCHEMA"
+        self.iso_14649
+    }
+
+    fn take(&mut self, arm: arm::Arm) {
+        self.projects = arm.projects;
+        self.executables = arm.executables;
+        self.operations = arm.operations;
+        self.technologies = arm.technologies;
+        self.functions = arm.functions;
+        self.features = arm.features;
+        self.rapid_paths = arm.rapid_paths;
+        self.initial_values = arm.variables;
+        for tool in arm.tools.into_values() {
+            self.add_tool(tool);
+        }
+        for diagnostic in arm.found.as_slice() {
+            self.diagnostics.add(diagnostic.clone());
+        }
+    }
+
+    fn add_tool(&mut self, tool: Tool) {
+        for &user in &tool.users {
+            self.tool_of.insert(user, self.tools.len());
+        }
+        self.tools.push(tool);
     }
 
     /// The projects in the order of the file: plans and twins.
@@ -422,6 +493,16 @@ impl Program {
     /// Machine functions.
     pub fn functions(&self, id: u64) -> Option<&MachineFunctions> {
         self.functions.get(&id)
+    }
+
+    /// A feature.
+    pub fn feature(&self, id: u64) -> Option<&Feature> {
+        self.features.get(&id)
+    }
+
+    /// The values that variables have before the program, by their names.
+    pub fn initial_values(&self) -> &BTreeMap<String, f64> {
+        &self.initial_values
     }
 
     /// The tools of the file, by identifier of their instances.
@@ -458,7 +539,7 @@ impl Program {
                 } = &executable.kind
                 {
                     let operation = operation.and_then(|id| self.operation(id));
-                    let by_operation = operation.is_some_and(|operation| operation.kind.contains("TURNING"));
+                    let by_operation = operation.is_some_and(Operation::turns);
                     turning |= enabled && (*turns || by_operation);
                 }
             });
@@ -485,7 +566,19 @@ impl Program {
 
     /// A toolpath; its attributes are read from the file now.
     pub fn toolpath(&self, id: u64) -> Toolpath {
-        read::read_toolpath(self, id)
+        let mut toolpath = Toolpath::new(id);
+        if self.iso_14649 {
+            arm::read_toolpath(self, &mut toolpath);
+        } else {
+            read::read_toolpath(self, &mut toolpath);
+        }
+        if self.rapid_paths.contains(&id) || toolpath.is_connection() {
+            toolpath.kind = match toolpath.kind {
+                ToolpathKind::Dwell => ToolpathKind::Dwell,
+                _ => ToolpathKind::Rapid,
+            };
+        }
+        toolpath
     }
 
     /// The pieces of a toolpath's curve in the order in which the tool runs them, in the frame and order of the path, lengths in mm.
@@ -522,6 +615,9 @@ impl Program {
 
     /// The units in which a toolpath's curve is written.
     pub(crate) fn units_of(&self, toolpath: &Toolpath) -> Result<ContextUnits, Fault> {
+        if self.iso_14649 {
+            return Ok(arm::UNITS);
+        }
         let context = toolpath.context.ok_or_else(|| {
             Fault::new(
                 toolpath.id,
@@ -572,37 +668,68 @@ impl Program {
             all.add(self.diagnostic(severity, fault));
         }
     }
+}
 
-    fn report_iso_14649(&mut self) {
-        let count = |name: &str| self.file.by_keyword(name).count();
-        let message = format!(
-            "this is an ISO 14649 file (ARM): {} workplans, {} workingsteps, {} toolpath lists; it is recognised and cannot be run yet",
-            count("WORKPLAN"),
-            count("MACHINING_WORKINGSTEP") + count("TURNING_WORKINGSTEP"),
-            count("TOOLPATH_LIST")
-        );
-        let remedy = if count("TOOLPATH_LIST") == 0 {
-            "it holds features and no toolpaths; let a CAM system plan them and export ISO 10303-238 (AIM)"
-        } else {
-            "export it as ISO 10303-238 (AIM)"
-        };
-        let place = self
-            .file
-            .header()
-            .iter()
-            .find(|entry| entry.keyword == "FILE_SCHEMA")
-            .map_or(0, |entry| entry.span.start);
-        let place = self.file.position(place);
-        self.diagnostics.add(
-            Diagnostic::error("iso-14649", message)
-                .in_file(self.name.clone())
-                .at_line(small(place.line), small(place.column))
-                .remedy(remedy),
-        );
+impl Operation {
+    /// True when it turns: by its entity, or because it is one of ISO 14649-12.
+    pub fn turns(&self) -> bool {
+        let beginnings = ["FACING_", "CONTOURING_", "GROOVING_", "THREADING_", "CUTTING_IN", "KNURLING"];
+        self.kind.contains("TURNING") || beginnings.iter().any(|beginning| self.kind.starts_with(beginning))
+    }
+
+    /// True when it only moves the tool from here to there.
+    pub fn is_rapid_movement(&self) -> bool {
+        matches!(self.kind.as_str(), "MACHINING_RAPID_MOVEMENT" | "RAPID_MOVEMENT")
+    }
+}
+
+impl Toolpath {
+    /// One of which nothing is known yet.
+    fn new(id: u64) -> Self {
+        Toolpath {
+            id,
+            name: String::new(),
+            kind: ToolpathKind::Feed,
+            description: String::new(),
+            trajectory: String::new(),
+            technology: None,
+            functions: None,
+            profile: None,
+            dwell: None,
+            maximum_deviation: None,
+            reversed: false,
+            tilted: false,
+            twin: None,
+            values: Vec::new(),
+            curve: None,
+            context: None,
+            faults: Vec::new(),
+        }
+    }
+
+    /// True for a connection that says how to come to the next path and not along which curve.
+    pub fn is_connection(&self) -> bool {
+        self.curve.is_none() && self.description.starts_with("connect ")
     }
 }
 
 impl Executable {
+    /// An enabled workplan without anything in it, to be filled.
+    pub(crate) fn new(id: u64, name: String) -> Self {
+        Executable {
+            id,
+            name,
+            kind: ExecutableKind::Workplan(Vec::new()),
+            enabled: true,
+            orientation: None,
+            setup: None,
+            security_plane: None,
+            twin: None,
+            features: Vec::new(),
+            values: Vec::new(),
+        }
+    }
+
     /// What is directly below it, in order; of an `If` the true branch first.
     pub fn children(&self) -> Vec<u64> {
         match &self.kind {
@@ -634,6 +761,32 @@ impl Executable {
             ExecutableKind::Unknown(_) => "unknown",
         }
     }
+}
+
+/// The number of a tool in `7`, `T07`, `Tool 7`; none in `12 mm R0.5` or `MILL 18MM`, which describe it.
+pub(crate) fn number_in(text: &str) -> Option<ToolNumber> {
+    let text = text.trim();
+    let digits = text.trim_start_matches(|c: char| !c.is_ascii_digit());
+    let before = text[..text.len() - digits.len()]
+        .trim_matches(|c: char| !c.is_alphanumeric())
+        .to_ascii_lowercase();
+    let is_number = !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
+    let words = [
+        "",
+        "t",
+        "tool",
+        "tool number",
+        "tool no",
+        "nr",
+        "no",
+        "pocket",
+        "station",
+        "place",
+        "werkzeug",
+    ];
+    (is_number && words.contains(&before.as_str()))
+        .then(|| digits.parse().ok().map(ToolNumber))
+        .flatten()
 }
 
 pub(crate) fn small(number: u64) -> u32 {

@@ -9,10 +9,20 @@
 //! **What is added.** Where a path does not begin at the end of the last one a rapid link is put in, marked `derived`: up, across, down (on a
 //! lathe out in X, along, in), as a straight one could go through the part. Spindle and coolant rest for a tool change and at the end. Tool, spindle,
 //! coolant and path tolerance are said when they change. `other functions` along a path become one [`RawNcFunction`] of that kind
-//! behind the path's beginning; they end with the path.
+//! behind the path's beginning; they end with the path. Two of them are the stream's own: exact stop and another tool offset, see
+//! [`crate::write`].
 //!
-//! **What is not run.** Parallel executables, curves of contact points, tilted tool axes and everything broken end in an alarm that
-//! names the instance, its line and what to do.
+//! **Order.** Parallel and non-sequential executables are executed in the order of the file, one after the other, and a remark names it; of a
+//! selective one the first that is enabled. Conditions and assignments are worked out when the stream comes to them; what only the
+//! machine knows is asked for.
+//!
+//! **What is not run.** Curves of contact points, tilted tool axes and everything broken end in an alarm that names the instance, its
+//! line and what to do. A connection without a curve (`connect direct`) is the link to the next path.
+
+mod conditions;
+mod frame;
+mod path;
+mod setting;
 
 use crate::aim::Fault;
 use crate::curve::{Pieces, PiecesState};
@@ -20,7 +30,6 @@ use crate::model::{
     Dwell, Executable, ExecutableKind, FeedSetting, Function, Operation, Program, Project, SpindleSetting, Tool, Toolpath,
     ToolpathKind,
 };
-use crate::write;
 use plan::tables::Missing;
 use plan::{
     Alarm, Answer, CoolantState, Diagnostic, Diagnostics, Expression, Feed, FileId, FrameChange, Level, Marker, Move, Next,
@@ -50,6 +59,8 @@ pub struct StreamOptions {
     pub tables: Tables,
     /// How the numbers of toolpaths are read.
     pub path_frame: PathFrame,
+    /// The spindle of the machine turns no faster, revolutions per minute: the limit of a surface speed that has none in the file.
+    pub spindle_limit: Rpm,
 }
 
 impl Default for StreamOptions {
@@ -58,6 +69,7 @@ impl Default for StreamOptions {
             project: None,
             tables: Tables::empty(),
             path_frame: PathFrame::Setup,
+            spindle_limit: Rpm(4000.0),
         }
     }
 }
@@ -123,8 +135,20 @@ struct OpenPath {
 /// A question that was asked.
 enum Pending {
     OptionalStop(u64),
-    Branch { executable: u64, expression: Expression },
-    Loop { executable: u64, expression: Expression },
+    /// The value of `asked`, for what an assignment still has to work out.
+    Assignment {
+        executable: u64,
+        asked: String,
+        value: Expression,
+    },
+    Branch {
+        executable: u64,
+        expression: Expression,
+    },
+    Loop {
+        executable: u64,
+        expression: Expression,
+    },
 }
 
 /// Turns of a loop, or other structure, without a single step: then it will never have one.
@@ -219,7 +243,7 @@ impl Run {
             alarm: None,
             diagnostics,
             scopes: Vec::new(),
-            variables: BTreeMap::new(),
+            variables: program.initial_values().clone(),
             gauge: options.tables.position,
             frame: None,
             tool: None,
@@ -342,14 +366,6 @@ impl<'s> Walker<'s> {
             None => !project.is_twin,
         };
         let Some(project) = program.projects().iter().find(wanted) else {
-            if program.is_iso_14649() {
-                return Err(Fault::new(
-                    0,
-                    "iso-14649",
-                    "an ISO 14649 file (ARM) cannot be run yet",
-                    "export it as ISO 10303-238 (AIM) with toolpaths",
-                ));
-            }
             return Err(Fault::new(
                 0,
                 "no-program",
@@ -399,7 +415,8 @@ impl<'s> Walker<'s> {
                     next: 0,
                 });
             }
-            ExecutableKind::NonSequential(children) => {
+            ExecutableKind::NonSequential(children) | ExecutableKind::Parallel(children) => {
+                self.say_order(executable);
                 self.enter(executable, None);
                 self.run.tasks.push(Task::Sequence {
                     children: children.clone(),
@@ -412,16 +429,6 @@ impl<'s> Walker<'s> {
                 self.run
                     .tasks
                     .extend(children.iter().find(enabled).map(|&child| Task::Execute(child)));
-            }
-            ExecutableKind::Parallel(_) => {
-                return unsupported(
-                    "parallel",
-                    format!(
-                        "'{}' asks for several things at the same time, which is not supported yet",
-                        executable.name
-                    ),
-                    "put its parts into a workplan one after the other",
-                );
             }
             ExecutableKind::If { condition, .. } => {
                 let expression = self.condition(executable, condition)?;
@@ -452,28 +459,14 @@ impl<'s> Walker<'s> {
                         );
                     }
                 };
-                match value.evaluate(&|_| None) {
-                    Ok(plan::Value::Number(number)) if !variable.is_empty() => {
-                        self.run.variables.insert(variable.clone(), number);
-                    }
-                    Ok(_) => {
-                        return unsupported(
-                            "assignment",
-                            format!("'{}' assigns no number to a named variable", executable.name),
-                            EXPRESSION_REMEDY,
-                        );
-                    }
-                    Err(why) => {
-                        return unsupported(
-                            "assignment",
-                            format!(
-                                "'{}' needs a value that only the machine knows, which is not supported yet: {why}",
-                                executable.name
-                            ),
-                            "put the value into the condition that uses the variable",
-                        );
-                    }
+                if variable.is_empty() {
+                    return unsupported(
+                        "assignment",
+                        format!("'{}' assigns to no variable with a name", executable.name),
+                        EXPRESSION_REMEDY,
+                    );
                 }
+                return self.assign(executable, variable, value);
             }
             ExecutableKind::Function(function) => return self.function(executable, function),
             ExecutableKind::Workingstep { operation, .. } => {
@@ -541,6 +534,62 @@ impl<'s> Walker<'s> {
         Ok(())
     }
 
+    /// Gives a variable its value, and asks the machine for what only it knows, one name after the other.
+    fn assign(&mut self, executable: &Executable, variable: &str, value: Expression) -> Outcome {
+        if let Some(name) = first_name(&value) {
+            let question = Question::Number(name.to_string());
+            self.run.pending = Some(Pending::Assignment {
+                executable: executable.id,
+                asked: name.to_string(),
+                value,
+            });
+            return Ok(Some(question));
+        }
+        match value.evaluate(&|_| None) {
+            Ok(plan::Value::Number(number)) => {
+                self.run.variables.insert(variable.to_string(), number);
+                Ok(None)
+            }
+            Ok(plan::Value::Truth(truth)) => {
+                // A boolean variable is kept as the number that it compares equal to.
+                self.run.variables.insert(variable.to_string(), f64::from(u8::from(truth)));
+                Ok(None)
+            }
+            Err(why) => Err(Fault::new(
+                executable.id,
+                "assignment",
+                format!("'{}' has no value: {why}", executable.name),
+                EXPRESSION_REMEDY,
+            )),
+        }
+    }
+
+    /// What has no order of its own is executed in the order of the file, and that is said.
+    fn say_order(&mut self, executable: &Executable) {
+        let program = self.program;
+        let names = executable
+            .children()
+            .into_iter()
+            .filter_map(|child| program.executable(child));
+        let names: Vec<String> = names
+            .filter(|child| child.enabled)
+            .map(|child| format!("'{}'", child.name))
+            .collect();
+        let (code, asks) = match executable.kind {
+            ExecutableKind::Parallel(_) => (
+                "parallel-order",
+                "asks for several things at the same time: this machine has one channel, and does",
+            ),
+            _ => ("non-sequential-order", "leaves the order open: it is"),
+        };
+        let message = format!("'{}' {asks} {}", executable.name, names.join(", then "));
+        program.note(
+            &mut self.run.diagnostics,
+            Severity::Remark,
+            &Fault::new(executable.id, code, message, ""),
+        );
+    }
+
     /// One turn of a while statement: asks, or decides by itself.
     fn turn(&mut self, id: u64) -> Outcome {
         let program = self.program;
@@ -581,7 +630,11 @@ impl<'s> Walker<'s> {
             Pending::Branch { executable, expression } | Pending::Loop { executable, expression } => {
                 (*executable, Question::Condition(expression.clone()))
             }
+            Pending::Assignment { executable, asked, .. } => (*executable, Question::Number(asked.clone())),
         };
+        if let (Pending::Assignment { asked, value, .. }, Some(answer)) = (&pending, answer) {
+            return self.answered_number(entity, asked, value, answer);
+        }
         let truth = match answer {
             Some(Answer::Truth(truth)) => truth,
             None => {
@@ -614,8 +667,32 @@ impl<'s> Walker<'s> {
                     self.again(executable, truth);
                 }
             }
+            Pending::Assignment { .. } => {}
         }
         Ok(None)
+    }
+
+    fn answered_number(&mut self, id: u64, asked: &str, value: &Expression, answer: Answer) -> Outcome {
+        let program = self.program;
+        let number = match answer {
+            Answer::Number(Some(number)) if number.is_finite() => number,
+            _ => {
+                return Err(Fault::new(
+                    id,
+                    "no-answer",
+                    format!("the machine has no value for '{asked}', which an assignment needs"),
+                    "check the name, or whether this machine has that sensor",
+                ));
+            }
+        };
+        let Some(executable) = program.executable(id) else {
+            return Ok(None);
+        };
+        let ExecutableKind::Assignment { variable, .. } = &executable.kind else {
+            return Ok(None);
+        };
+        let value = substitute(value, &BTreeMap::from([(asked.to_string(), number)]));
+        self.assign(executable, variable, value)
     }
 
     fn function(&mut self, executable: &Executable, function: &Function) -> Outcome {
@@ -668,557 +745,9 @@ impl<'s> Walker<'s> {
         }
         Ok(None)
     }
-
-    /// Stops spindle and coolant where they run.
-    fn rest(&mut self) {
-        if self.run.spindle != SpindleState::Stopped {
-            self.run.spindle = SpindleState::Stopped;
-            self.say(0, StepKind::Spindle(SpindleState::Stopped));
-        }
-        if self.run.coolant != CoolantState::default() {
-            self.run.coolant = CoolantState::default();
-            self.say(0, StepKind::Coolant(CoolantState::default()));
-        }
-    }
-
-    fn tool_for(&mut self, operation: &Operation) -> Result<(), Fault> {
-        let program = self.program;
-        match program.tool_of(operation.id) {
-            Some(tool) => self.change_tool(operation.id, tool),
-            None if operation.kind == "MACHINING_RAPID_MOVEMENT" => Ok(()),
-            None if self.run.tool.is_some_and(|tool| tool != ToolNumber(0)) => {
-                let message = format!("operation '{}' names no tool: the one in the spindle is used", operation.name);
-                let fault = Fault::new(operation.id, "no-tool", message, "add the operation to the users of its tool");
-                program.note(&mut self.run.diagnostics, Severity::Warning, &fault);
-                Ok(())
-            }
-            None if self.options.tables.missing == Missing::Assume => {
-                let message = format!(
-                    "operation '{}' has no tool and none was loaded: one of no length is assumed",
-                    operation.name
-                );
-                let remedy = "add the operation to the users of a MACHINING_TOOL, or load a tool before";
-                program.note(
-                    &mut self.run.diagnostics,
-                    Severity::Warning,
-                    &Fault::new(operation.id, "no-tool", message, remedy),
-                );
-                Ok(())
-            }
-            None => Err(Fault::new(
-                operation.id,
-                "no-tool",
-                format!("operation '{}' has no tool", operation.name),
-                "add the operation to the users of a MACHINING_TOOL, or load a tool before",
-            )),
-        }
-    }
-
-    fn change_tool(&mut self, entity: u64, tool: &Tool) -> Result<(), Fault> {
-        let program = self.program;
-        let number = tool.number.ok_or_else(|| {
-            Fault::new(
-                tool.id,
-                "tool-number",
-                format!("tool '{}' ({}) has no number", tool.name, tool.kind),
-                "give the number in its identifier or as its tool position",
-            )
-        })?;
-        if self.run.tool == Some(number) {
-            return Ok(());
-        }
-        let offset = self.offset_of(tool.id, number, &tool.kind)?;
-        self.rest();
-        self.run.tool = Some(number);
-        self.run.offset = offset;
-        self.run.own_offset = offset;
-        self.say(
-            entity,
-            StepKind::Tool(ToolCall {
-                number,
-                name: tool.kind.clone(),
-                diameter: tool.diameter,
-            }),
-        );
-        self.say(entity, StepKind::ToolOffset(offset));
-        Ok(())
-    }
-
-    /// The offset that the machine's table has under a number.
-    fn offset_of(&mut self, entity: u64, number: ToolNumber, kind: &str) -> Result<ToolOffset, Fault> {
-        let program = self.program;
-        let entry = self.options.tables.tools.get(&number);
-        let offset = match (entry, self.options.tables.missing) {
-            (Some(entry), _) => ToolOffset {
-                number: number.0,
-                geometry: entry.geometry.0,
-                wear: entry.wear.0,
-                assumed: false,
-            },
-            (None, Missing::Assume) => {
-                let message = format!("tool {number} is not in the tool table: its length is assumed to be 0");
-                let fault = Fault::new(entity, "tool-table", message, "enter the tool with its length");
-                program.note(&mut self.run.diagnostics, Severity::Warning, &fault);
-                ToolOffset {
-                    number: number.0,
-                    assumed: true,
-                    ..ToolOffset::NONE
-                }
-            }
-            (None, Missing::Fail) => {
-                let message = format!("tool {number} ({kind}) is not in the tool table");
-                return Err(Fault::new(entity, "tool-table", message, "enter the tool with its length"));
-            }
-        };
-        Ok(offset)
-    }
-
-    /// The tool offset of a path: its tool's, or the one that it asks for.
-    fn offset_for(&mut self, entity: u64, condition: Option<&String>) -> Result<ToolOffset, Fault> {
-        match condition.map(|mode| (mode.as_str(), mode.parse::<u32>())) {
-            None => Ok(self.run.own_offset),
-            Some(("off", _)) => Ok(ToolOffset::NONE),
-            Some((_, Ok(number))) => self.offset_of(entity, ToolNumber(number), "tool offset"),
-            Some((mode, Err(_))) => Err(Fault::new(
-                entity,
-                "tool-offset",
-                format!("'{mode}' is no tool offset"),
-                "write 'off' or the offset's number",
-            )),
-        }
-    }
-
-    /// The frame of the paths at this place of the tree, with its name and whether its origin was assumed.
-    ///
-    /// The remark about it, if any, is for when the frame is said.
-    fn frame(&self) -> Result<(FrameChange, Option<(Severity, Fault)>), Fault> {
-        let program = self.program;
-        let around: Vec<&Executable> = self.run.scopes.iter().filter_map(|&id| program.executable(id)).collect();
-        let setup = around.iter().rev().find_map(|executable| executable.setup.as_ref());
-        let name = setup.map(|setup| setup.name.clone()).unwrap_or_default();
-        let table = self.options.tables.work_offsets.get(&name).copied();
-        let in_file = setup.and_then(|setup| setup.machine_from_setup);
-        let entity = setup.map(|setup| setup.id).or(self.run.scopes.first().copied()).unwrap_or(0);
-        let remark = |message: String, remedy| Fault::new(entity, "setup-origin", message, remedy);
-        let (no_origin, no_origin_remedy) = match setup {
-            Some(_) => (
-                format!("the set-up '{name}' has no origin"),
-                "enter a work offset of this name",
-            ),
-            None => (
-                "the program has no set-up that says where its paths lie in the machine".to_string(),
-                "give its workplan a set-up with an origin",
-            ),
-        };
-        let (origin, found) = match (table, in_file, self.options.tables.missing) {
-            (Some(table), Some(in_file), _) if table != in_file => {
-                let message = format!("the work offset '{name}' of the machine is used, not the set-up's origin in the file");
-                (table, Some((Severity::Remark, remark(message, ""))))
-            }
-            (Some(table), _, _) => (table, None),
-            (None, Some(in_file), _) => (in_file, None),
-            // A part without a place is assumed to be clamped where G54 says, as a machinist would; without one, at home.
-            (None, None, Missing::Assume) => {
-                let clamped = self.options.tables.work_offsets.get("G54").copied();
-                let assumed = if clamped.is_some() {
-                    "G54 of the machine"
-                } else {
-                    "the machine's origin"
-                };
-                let fault = remark(format!("{no_origin}: {assumed} is assumed"), no_origin_remedy);
-                (clamped.unwrap_or(Transform::IDENTITY), Some((Severity::Warning, fault)))
-            }
-            (None, None, Missing::Fail) => {
-                return Err(remark(
-                    format!("the set-up '{name}' has no origin"),
-                    "enter a work offset of this name",
-                ));
-            }
-        };
-        let placement = setup.and_then(|setup| setup.setup_from_part);
-        let orientations = around.iter().filter_map(|executable| executable.orientation.as_ref());
-        let change = FrameChange {
-            name,
-            machine_from_setup: machine_from_path(origin, placement, orientations, self.options.path_frame),
-            assumed: table.is_none() && in_file.is_none(),
-        };
-        Ok((change, found))
-    }
-
-    /// Says everything that must be in force for a toolpath, the link to its start, and its beginning.
-    fn open(&mut self, operation: &Operation, toolpath: Toolpath) -> Result<(), Fault> {
-        let program = self.program;
-        let id = toolpath.id;
-        if let Some(fault) = toolpath.faults.first() {
-            return Err(fault.clone());
-        }
-        let refuse = |code, message: String, remedy| Err(Fault::new(id, code, message, remedy));
-        if toolpath.kind != ToolpathKind::Dwell {
-            if toolpath.description == "cutter contact trajectory" {
-                return refuse(
-                    "cutter-contact",
-                    format!("toolpath '{}' gives contact points and not the tool tip", toolpath.name),
-                    "export cutter location trajectories",
-                );
-            }
-            if toolpath.description == "axis trajectory" {
-                return refuse(
-                    "axis-trajectory",
-                    format!("toolpath '{}' moves single axes, which is not supported yet", toolpath.name),
-                    "export cutter location trajectories",
-                );
-            }
-            if toolpath.tilted {
-                return refuse(
-                    "tool-axis",
-                    format!(
-                        "toolpath '{}' tilts the tool, which this three-axis stream cannot",
-                        toolpath.name
-                    ),
-                    "export the path with the tool axis along Z",
-                );
-            }
-        }
-        let technology = toolpath
-            .technology
-            .or(operation.technology)
-            .and_then(|id| program.technology(id));
-        let tool = program.tool_of(operation.id);
-        let (frame, found) = self.frame()?;
-        if self.run.frame != Some(frame.machine_from_setup) {
-            if let Some((severity, fault)) = found {
-                program.note(&mut self.run.diagnostics, severity, &fault);
-            }
-            self.run.frame = Some(frame.machine_from_setup);
-            self.say(id, StepKind::Frame(frame.clone()));
-        }
-        if let Some(technology) = technology {
-            if let Some(fault) = technology.faults.first() {
-                return Err(fault.clone());
-            }
-            if let Some(spindle) = technology.spindle {
-                let spindle = spindle_state(id, spindle, tool, operation)?;
-                if spindle != self.run.spindle {
-                    self.run.spindle = spindle;
-                    self.say(id, StepKind::Spindle(spindle));
-                }
-            }
-        }
-        let functions = toolpath
-            .functions
-            .or(operation.functions)
-            .and_then(|id| program.functions(id));
-        if let Some(functions) = functions
-            && functions.coolant != self.run.coolant
-        {
-            self.run.coolant = functions.coolant;
-            self.say(id, StepKind::Coolant(functions.coolant));
-        }
-        let condition = |name: &str| functions.and_then(|functions| functions.others.get(name));
-        let offset = self.offset_for(id, condition(write::TOOL_OFFSET))?;
-        if offset != self.run.offset {
-            self.run.offset = offset;
-            self.say(id, StepKind::ToolOffset(offset));
-        }
-        // Half of what the path allows is the planner's to round corners with, the other half is left to the servo.
-        let path_mode = match condition(write::EXACT_STOP).map(String::as_str) {
-            Some("on") => PathMode::ExactStop,
-            _ => PathMode::Tolerance(toolpath.maximum_deviation.map(|most| most * 0.5)),
-        };
-        if path_mode != self.run.path_mode && toolpath.kind != ToolpathKind::Dwell {
-            self.run.path_mode = path_mode;
-            self.say(id, StepKind::PathMode(path_mode));
-        }
-        let mut properties = functions.map(|functions| functions.others.clone()).unwrap_or_default();
-        properties.retain(|name, _| name != write::TOOL_OFFSET && name != write::EXACT_STOP);
-        let others = (!properties.is_empty()).then(|| {
-            StepKind::NcFunction(RawNcFunction {
-                kind: "other functions".into(),
-                name: toolpath.name.clone(),
-                text: String::new(),
-                properties,
-            })
-        });
-        if toolpath.kind == ToolpathKind::Dwell {
-            let time = match toolpath.dwell {
-                Some(Dwell::Time(time)) => time,
-                Some(Dwell::Revolutions(turns)) => {
-                    let speed = self.run.spindle.revolutions(Millimetres::ZERO);
-                    if speed.0 <= 0.0 {
-                        return refuse(
-                            "dwell",
-                            "a dwell counts revolutions and the spindle stands".into(),
-                            "give the dwell as a time",
-                        );
-                    }
-                    Seconds(turns / speed.0 * 60.0)
-                }
-                None => {
-                    return refuse(
-                        "dwell",
-                        format!("feedstop '{}' has no dwell time", toolpath.name),
-                        "give it one",
-                    );
-                }
-            };
-            self.begin(Level::Toolpath, id, &toolpath.name, None);
-            self.run.queue.extend(others.map(|kind| (entity_origin(id), kind)));
-            self.say(id, StepKind::Dwell(time));
-            self.say(id, StepKind::End(Level::Toolpath));
-            return Ok(());
-        }
-        let speed = match toolpath.kind {
-            ToolpathKind::Rapid => Speed::Rapid,
-            _ => Speed::Feed(feed(id, &toolpath, technology.and_then(|technology| technology.feed), tool)?),
-        };
-        let profile = match &toolpath.profile {
-            None => None,
-            Some(profile) => {
-                let mut length = 0.0;
-                for piece in program.pieces(&toolpath)? {
-                    length += piece.map_err(|fault| placed(fault, id))?.length();
-                }
-                Some((profile.clone(), length))
-            }
-        };
-        let mut pieces = program.pieces(&toolpath)?;
-        let mut first = pieces.next().transpose().map_err(|fault| placed(fault, id))?;
-        if let Some(first) = &mut first {
-            // A mill lifts the tool off along Z, a lathe along X.
-            let retract_axis = if operation.kind.contains("TURNING") { 0 } else { 2 };
-            self.link(id, frame.machine_from_setup, first, speed, retract_axis);
-        }
-        self.begin(Level::Toolpath, id, &toolpath.name, toolpath.maximum_deviation);
-        self.run.queue.extend(others.map(|kind| (entity_origin(id), kind)));
-        let mut open = OpenPath {
-            pieces: pieces.into_state(),
-            speed,
-            profile,
-            travelled: 0.0,
-            toolpath,
-        };
-        if let Some(first) = first {
-            self.go(&mut open, first);
-        }
-        self.run.tasks.push(Task::Path(Box::new(open)));
-        Ok(())
-    }
-
-    /// Moves from where the tip is to where a path begins: rapid, out along the retract axis to the farther of the two, across, in.
-    ///
-    /// A gap within the rounding of the file is no link: a line begins where the tip is, any other piece is reached at its own speed.
-    fn link(
-        &mut self,
-        id: u64,
-        machine_from_setup: Transform<Machine, Setup>,
-        first: &mut Path<Setup>,
-        speed: Speed,
-        retract_axis: usize,
-    ) {
-        let tip = machine_from_setup.inverse() * (self.run.gauge - self.run.offset.total());
-        let start = first.start();
-        let gap = tip.distance(start);
-        if gap <= 1e-6 {
-            return;
-        }
-        if gap <= ROUNDING
-            && let Path::Line { from, .. } = first
-        {
-            *from = tip;
-            return;
-        }
-        let clear = tip.xyz[retract_axis].max(start.xyz[retract_axis]);
-        let above = |place: Point<Setup>| {
-            let mut place = place;
-            place.xyz[retract_axis] = clear;
-            place
-        };
-        let (speed, corners) = match gap <= ROUNDING {
-            true => (speed, [tip, tip, start]),
-            false => (Speed::Rapid, [above(tip), above(start), start]),
-        };
-        let mut from = tip;
-        for to in corners {
-            if from.distance(to) > 1e-9 {
-                self.say(
-                    id,
-                    StepKind::Move(Move {
-                        path: Path::Line { from, to },
-                        speed,
-                        profile: None,
-                        derived: true,
-                    }),
-                );
-                from = to;
-            }
-        }
-        self.run.gauge = machine_from_setup * start + self.run.offset.total();
-    }
-
-    fn travel(&mut self, mut open: OpenPath) -> Result<(), Fault> {
-        let id = open.toolpath.id;
-        let mut pieces = Pieces::resume(self.program.aim(), open.pieces);
-        let piece = pieces.next();
-        open.pieces = pieces.into_state();
-        match piece {
-            None => self.say(id, StepKind::End(Level::Toolpath)),
-            Some(Err(fault)) => return Err(placed(fault, id)),
-            Some(Ok(piece)) => {
-                self.go(&mut open, piece);
-                self.run.tasks.push(Task::Path(Box::new(open)));
-            }
-        }
-        Ok(())
-    }
-
-    fn go(&mut self, open: &mut OpenPath, path: Path<Setup>) {
-        let profile = open.profile.as_ref().map(|(profile, total)| {
-            let length = path.length();
-            let from = if *total > 0.0 { open.travelled / total } else { 0.0 };
-            open.travelled += length;
-            let to = if *total > 0.0 { open.travelled / total } else { 1.0 };
-            part_of(profile, from, to)
-        });
-        if let Some(frame) = self.run.frame {
-            self.run.gauge = frame * path.end() + self.run.offset.total();
-        }
-        self.say(
-            open.toolpath.id,
-            StepKind::Move(Move {
-                path,
-                speed: open.speed,
-                profile,
-                derived: false,
-            }),
-        );
-    }
 }
-
-/// Gaps between paths up to this come from rounded coordinates (four decimals in inches), mm.
-const ROUNDING: f64 = 0.0026;
 
 const EXPRESSION_REMEDY: &str = "use comparisons and arithmetic over numbers and named variables";
-
-fn entity_origin(id: u64) -> Origin {
-    Origin {
-        file: FileId(0),
-        place: Place::Entity(id),
-    }
-}
-
-fn placed(mut fault: Fault, toolpath: u64) -> Fault {
-    if fault.entity == 0 {
-        fault.entity = toolpath;
-    }
-    fault
-}
-
-/// The one place where frames are put together; see the module's text.
-fn machine_from_path<'o>(
-    machine_from_setup: Transform<Machine, Setup>,
-    setup_from_part: Option<Transform<Setup, units::Part>>,
-    orientations: impl Iterator<Item = &'o Transform<Setup, Setup>>,
-    reading: PathFrame,
-) -> Transform<Machine, Setup> {
-    let mut frame = machine_from_setup;
-    if let (PathFrame::Workpiece, Some(placement)) = (reading, setup_from_part) {
-        let mut moved: Transform<Setup, Setup> = Transform::IDENTITY;
-        (moved.rotation, moved.origin) = (placement.rotation, placement.origin);
-        frame = frame * moved;
-    }
-    orientations.fold(frame, |frame, orientation| frame * *orientation)
-}
-
-fn spindle_state(path: u64, setting: SpindleSetting, tool: Option<&Tool>, operation: &Operation) -> Result<SpindleState, Fault> {
-    let turning = |clockwise: bool, mode: SpindleMode| match clockwise {
-        true => SpindleState::Clockwise(mode),
-        false => SpindleState::Counterclockwise(mode),
-    };
-    match setting {
-        SpindleSetting::Stopped => Ok(SpindleState::Stopped),
-        SpindleSetting::Revolutions { speed, clockwise } => Ok(turning(clockwise, SpindleMode::Revolutions(speed))),
-        SpindleSetting::Surface { speed, limit, clockwise } if operation.kind.contains("TURNING") => {
-            let limit = limit.ok_or_else(|| {
-                Fault::new(
-                    path,
-                    "surface-speed",
-                    "a surface speed has no maximum rotational speed: it would be endless in the centre",
-                    "give the technology a maximum rotational speed",
-                )
-            })?;
-            Ok(turning(clockwise, SpindleMode::Surface { speed, limit }))
-        }
-        SpindleSetting::Surface { speed, limit, clockwise } => {
-            // Milling: the edge turns with the tool, so its diameter makes revolutions of it.
-            let diameter = tool
-                .and_then(|tool| tool.diameter)
-                .filter(|diameter| diameter.0 > 0.0)
-                .ok_or_else(|| {
-                    Fault::new(
-                        path,
-                        "surface-speed",
-                        "a cutting speed needs the cutting diameter of the tool, which is not in the file",
-                        "give the tool its effective cutting diameter, or the spindle speed in revolutions",
-                    )
-                })?;
-            let revolutions = Rpm(speed.0 / (std::f64::consts::PI * diameter.0) * 60.0);
-            let revolutions = limit.map_or(revolutions, |limit| revolutions.min(limit));
-            Ok(turning(clockwise, SpindleMode::Revolutions(revolutions)))
-        }
-    }
-}
-
-fn feed(path: u64, toolpath: &Toolpath, feed: Option<FeedSetting>, tool: Option<&Tool>) -> Result<Feed, Fault> {
-    let feed = match feed {
-        Some(FeedSetting::PerTime(speed)) => Feed::PerTime(speed),
-        Some(FeedSetting::PerRevolution(length)) => Feed::PerRevolution(length),
-        Some(FeedSetting::PerTooth(length)) => {
-            let teeth = tool.and_then(|tool| tool.teeth).ok_or_else(|| {
-                Fault::new(
-                    path,
-                    "feed-per-tooth",
-                    "a feed per tooth needs the number of teeth of the tool, which is not in the file",
-                    "give the tool its number of effective teeth",
-                )
-            })?;
-            Feed::PerRevolution(length * teeth)
-        }
-        None => {
-            return Err(Fault::new(
-                path,
-                "no-feed",
-                format!("toolpath '{}' cuts and its technology has no feed", toolpath.name),
-                "give the technology of the path or of its operation a feed, or mark the path as rapid",
-            ));
-        }
-    };
-    let size = match feed {
-        Feed::PerTime(speed) => speed.0,
-        Feed::PerRevolution(length) | Feed::Thread(plan::Thread { advance: length, .. }) => length.0,
-        Feed::WholeMove(time) => time.0,
-    };
-    if size <= 0.0 {
-        return Err(Fault::new(
-            path,
-            "no-feed",
-            format!("toolpath '{}' cuts with a feed of 0", toolpath.name),
-            "give its technology a feed, or mark the path as rapid",
-        ));
-    }
-    Ok(feed)
-}
-
-/// The part of a profile between two fractions of the whole path, spread over 0 to 1.
-fn part_of(profile: &SpeedProfile, from: f64, to: f64) -> SpeedProfile {
-    let width = to - from;
-    let mut points = vec![(0.0, profile.factor(from))];
-    if width > 0.0 {
-        let inside = profile.points.iter().filter(|point| point.0 > from && point.0 < to);
-        points.extend(inside.map(|point| ((point.0 - from) / width, point.1)));
-    }
-    points.push((1.0, profile.factor(to)));
-    SpeedProfile { points }
-}
 
 /// The expression with the variables that the program itself has given values.
 fn substitute(expression: &Expression, variables: &BTreeMap<String, f64>) -> Expression {
@@ -1232,6 +761,16 @@ fn substitute(expression: &Expression, variables: &BTreeMap<String, f64>) -> Exp
         Expression::Negate(inner) => Expression::Negate(inside(inner)),
         Expression::Binary(operator, left, right) => Expression::Binary(*operator, inside(left), inside(right)),
         Expression::Number(..) | Expression::Truth(_) => expression.clone(),
+    }
+}
+
+/// The first name in an expression, from the left.
+fn first_name(expression: &Expression) -> Option<&str> {
+    match expression {
+        Expression::Name(name) => Some(name),
+        Expression::Not(inner) | Expression::Negate(inner) => first_name(inner),
+        Expression::Binary(_, left, right) => first_name(left).or_else(|| first_name(right)),
+        Expression::Number(..) | Expression::Truth(_) => None,
     }
 }
 

@@ -42,6 +42,11 @@ pub(crate) struct ContextUnits {
 
 const DEEPEST: u32 = 16;
 
+/// A unit that is made of others takes so many levels of [`DEEPEST`], and so many others at most: reading it stays short, however
+/// often units of units refer to each other.
+const DERIVED_LEVELS: u32 = 4;
+const MOST_ELEMENTS: usize = 8;
+
 impl Aim<'_> {
     pub(crate) fn unit(self, id: u64) -> Result<Unit, Fault> {
         self.unit_at(id, 0)
@@ -79,6 +84,9 @@ impl Aim<'_> {
         }
         if let Some(arguments) = part("DERIVED_UNIT") {
             let elements = arguments.first().map_or(&[][..], Value::items);
+            if elements.len() > MOST_ELEMENTS {
+                return Err(unknown("it is made of more than eight others"));
+            }
             let mut unit = Unit {
                 factor: 1.0,
                 dimension: NUMBER,
@@ -92,7 +100,7 @@ impl Aim<'_> {
                 if f64::from(whole) != exponent || whole.abs() > 8 {
                     return Err(unknown("an exponent is no small whole number"));
                 }
-                let base = self.unit_at(base, depth + 1)?;
+                let base = self.unit_at(base, depth + DERIVED_LEVELS)?;
                 for _ in 0..whole.abs() {
                     unit.factor = if whole > 0 {
                         unit.factor * base.factor

@@ -179,7 +179,7 @@ fn iso_14649_files_and_plain_models_say_what_they_are() {
         return;
     };
     expect![[r#"
-        this is an ISO 14649 file (ARM): 1 workplans, 5 workingsteps, 0 toolpath lists; it is recognised and cannot be run yet; it holds features and no toolpaths; let a CAM system plan them and export ISO 10303-238 (AIM)
+        #19: 5 of 5 workingsteps are described by features and have no toolpaths: they are shown and cannot be run; let a CAM system compute their toolpaths; none are made up here
         the file has no machining program in it (schema AUTOMOTIVE_DESIGN); a STEP-NC file has a machining project or a workplan; a plain STEP model has neither
     "#]].assert_eq(&format!("{arm}\n{model}\n"));
 }
@@ -241,6 +241,15 @@ fn the_json_of_inspect_has_the_fields_of_the_contract() {
               ],
               "toolpaths": [],
               "project": "main"
+            }
+          ],
+          "tools": [
+            {
+              "id": 130,
+              "tool": 1,
+              "name": "1",
+              "type": "endmill",
+              "values": []
             }
           ],
           "problems": [

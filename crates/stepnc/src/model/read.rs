@@ -2,11 +2,23 @@
 //!
 //! Whatever is odd becomes a warning and is left out; whether it hurts shows when the program is run.
 
+mod feature;
+mod setup;
+mod technology;
+mod tool;
+mod toolpath;
+
 use super::*;
 use crate::aim::{Links, text};
 use crate::unit;
 use crate::{date, expression};
+use part21::Instance;
+use plan::inspection::Quantity;
+use setup::{placed, plane_height, read_setup};
 use std::collections::BTreeSet;
+use technology::{functions, technology};
+use tool::tool;
+pub(super) use toolpath::read_toolpath;
 
 /// A frame of paths in the frame around it.
 type PathTransform = Transform<units::Setup, units::Setup>;
@@ -40,16 +52,14 @@ impl Builder {
         for row in aim.file.by_keyword("MACHINING_FUNCTIONS") {
             program.functions.insert(aim.file.id(row), functions(aim, aim.file.id(row)));
         }
+        let mut tools = Vec::new();
         for row in aim.file.by_keyword("MACHINING_TOOL") {
             match tool(aim, aim.file.id(row)) {
                 Ok((tool, faults)) => {
                     for fault in faults {
                         program.note(&mut self.found, Severity::Warning, &fault);
                     }
-                    for &user in &tool.users {
-                        program.tool_of.insert(user, program.tools.len());
-                    }
-                    program.tools.push(tool);
+                    tools.push(tool);
                 }
                 Err(fault) => program.note(&mut self.found, Severity::Warning, &fault),
             }
@@ -74,6 +84,29 @@ impl Builder {
             }
         }
         let projects = self.projects(program, &executables);
+        let wanted: BTreeSet<u64> = executables
+            .values()
+            .flat_map(|executable| executable.features.iter().copied())
+            .collect();
+        let features = wanted.into_iter().filter_map(|id| match feature::feature(aim, id) {
+            Ok(feature) => Some((id, feature)),
+            Err(fault) => {
+                program.note(&mut self.found, Severity::Warning, &fault);
+                None
+            }
+        });
+        let features = features.collect();
+        let initial_values = expression::initial_values(aim);
+        let moves = operations
+            .values()
+            .filter(|operation: &&Operation| operation.is_rapid_movement());
+        let rapid_paths = moves.flat_map(|operation| operation.toolpaths.iter().copied()).collect();
+        program.rapid_paths = rapid_paths;
+        program.initial_values = initial_values;
+        program.features = features;
+        for tool in tools {
+            program.add_tool(tool);
+        }
         program.executables = executables;
         program.operations = operations;
         program.projects = projects;
@@ -98,8 +131,9 @@ impl Builder {
                 .filter_map(|process| aim.instance(process).ok())
                 .filter(|process| text(process.argument(0)) == "machining")
                 .find_map(|process| process.argument(2).reference());
-            let name = [product.argument(1), product.argument(0)]
-                .map(text)
+            let attributes = aim.attributes(&product, "PRODUCT");
+            let name = [attributes.get(1), attributes.first()]
+                .map(|name| name.map(text).unwrap_or_default())
                 .into_iter()
                 .find(|name| !name.is_empty());
             match main {
@@ -108,6 +142,7 @@ impl Builder {
                     name: name.unwrap_or_default().into_owned(),
                     main_workplan: main,
                     is_twin: is_twin(&main),
+                    values: project_values(aim, id),
                 }),
                 _ => program.note(
                     &mut self.found,
@@ -137,6 +172,7 @@ impl Builder {
                     name: executable.name.clone(),
                     main_workplan: executable.id,
                     is_twin: false,
+                    values: Vec::new(),
                 })
                 .collect();
             if let Some(first) = found.first() {
@@ -189,9 +225,10 @@ impl Builder {
     ) -> Result<Option<Executable>, Fault> {
         let aim = program.aim();
         let instance = aim.instance(id)?;
+        let attributes = aim.attributes(&instance, "ACTION_METHOD");
         let (name, description) = (
-            text(instance.argument(0)).into_owned(),
-            text(instance.argument(1)).into_owned(),
+            attributes.first().map(text).unwrap_or_default().into_owned(),
+            attributes.get(1).map(text).unwrap_or_default().into_owned(),
         );
         let links = aim.links(id);
         let kind = match (keyword, description.as_str()) {
@@ -279,6 +316,8 @@ impl Builder {
             setup,
             security_plane,
             twin: twin_facts(aim, &links, false),
+            features: feature::features_of(aim, &links),
+            values: values_of(aim, &links, &EXECUTABLE_WORDS),
         }))
     }
 
@@ -310,295 +349,142 @@ fn property_text(aim: Aim, links: &Links, name: &str) -> Option<String> {
     aim.description(*representation.items.first()?)
 }
 
-/// The placement in a representation: the item named `orientation`, else the first; with its units.
-fn placed(program: &Program, representation: u64) -> Result<Option<PathTransform>, Fault> {
-    let aim = program.aim();
-    let representation = aim.representation(representation)?;
-    let mut placements: Vec<u64> = representation
-        .items
-        .iter()
-        .copied()
-        .filter(|&item| curve::is_placement(aim, item))
+/// The entity of an operation; of a complex instance the one that says most: not its supertypes.
+fn operation_kind(keyword: &str) -> String {
+    let supertypes = [
+        "ACTION_METHOD",
+        "CHARACTERIZED_OBJECT",
+        "MACHINING_OPERATION",
+        "MACHINING_PROCESS_EXECUTABLE",
+        "MILLING_TYPE_OPERATION",
+        "TURNING_TYPE_OPERATION",
+        "DRILLING_TYPE_OPERATION",
+    ];
+    let leaf = keyword.split(' ').find(|part| !supertypes.contains(part));
+    leaf.or_else(|| keyword.split(' ').next_back()).unwrap_or(keyword).to_string()
+}
+
+/// Properties of executables that are not shown as named data: they have a place of their own, or belong to the kind.
+const EXECUTABLE_WORDS: [&str; 11] = [
+    "enabled",
+    "condition",
+    "lvalue",
+    "rvalue",
+    "toolpath orientation",
+    "security plane",
+    "message text",
+    "description",
+    "function text",
+    "twin source",
+    "twin exception",
+];
+
+/// What hangs on an object and has no place of its own in the model: properties, people, machines, approvals, dates.
+fn values_of(aim: Aim, links: &Links, known: &[&str]) -> Vec<NamedValue> {
+    let mut values = Vec::new();
+    for (name, representation, _) in &links.properties {
+        if known.contains(&name.as_str()) {
+            continue;
+        }
+        if let Ok(representation) = aim.representation(*representation) {
+            values.extend(aim.named_values(name, &representation));
+        }
+    }
+    for relation in &links.relations {
+        let Ok(other) = aim.instance(relation.related) else { continue };
+        let attributes = aim.attributes(&other, "ACTION_METHOD");
+        let words = |n: usize| attributes.get(n).map(text).unwrap_or_default().into_owned();
+        match relation.keyword {
+            "MACHINING_USAGE_RELATIONSHIP" => {
+                let words: Vec<String> = [words(0), words(1)].into_iter().filter(|word| !word.is_empty()).collect();
+                values.push(NamedValue::text("machine", words.join(", ")));
+            }
+            "MACHINING_STRATEGY_RELATIONSHIP" => {
+                let name = if relation.name.is_empty() {
+                    "strategy"
+                } else {
+                    &relation.name
+                };
+                let kind = aim.keyword(relation.related).to_lowercase().replace('_', " ");
+                let said = words(1);
+                values.push(NamedValue::text(name, if said.is_empty() { kind } else { said }));
+                for (property, representation, _) in aim.links(relation.related).properties {
+                    let Ok(representation) = aim.representation(representation) else {
+                        continue;
+                    };
+                    let mut inner = aim.named_values(&property, &representation);
+                    inner
+                        .iter_mut()
+                        .for_each(|value| value.name = format!("{name}: {}", value.name));
+                    values.extend(inner);
+                }
+            }
+            _ => {}
+        }
+    }
+    values.extend(links.people.iter().map(|(role, name)| NamedValue::text(role, name)));
+    values.extend(links.approvals.iter().map(|status| NamedValue::text("approval", status)));
+    for (role, moment) in &links.dates {
+        // A twin's own dates have their place.
+        if !matches!(role.as_str(), "twin start" | "twin end")
+            && let Some(moment) = date::read(aim, *moment)
+        {
+            values.push(NamedValue::text(role, date::words(moment)));
+        }
+    }
+    values
+}
+
+/// Owner, release date and approval of a project hang on its formation; some writers hang them on the product or its definition.
+fn project_values(aim: Aim, project: u64) -> Vec<NamedValue> {
+    let formations: Vec<u64> = aim
+        .users_by(project, "PRODUCT_DEFINITION_FORMATION", 2)
+        .map(|(id, _)| id)
         .collect();
-    placements.sort_by_key(|&item| aim.item_name(item) != "orientation");
-    let Some(&item) = placements.first() else { return Ok(None) };
-    let units = context(program, &representation)?;
-    curve::placement(aim, item, units.millimetres).map(Some)
-}
-
-fn context(program: &Program, representation: &crate::aim::Representation) -> Result<ContextUnits, Fault> {
-    let id = representation.context.unwrap_or(representation.id);
-    match program.contexts.get(&id) {
-        Some(units) => units.clone(),
-        None => program.aim().context_units(id),
+    let definitions: Vec<u64> = formations
+        .iter()
+        .flat_map(|&formation| aim.users_by(formation, "PRODUCT_DEFINITION", 2))
+        .map(|(id, _)| id)
+        .collect();
+    let mut values = Vec::new();
+    for owner in [project].into_iter().chain(formations).chain(definitions.iter().copied()) {
+        values.extend(values_of(aim, &aim.links(owner), &[]));
     }
+    let workpieces = definitions
+        .iter()
+        .flat_map(|&definition| aim.users_by(definition, "MACHINING_PROJECT_WORKPIECE_RELATIONSHIP", 3))
+        .filter_map(|(_, relation)| relation.argument(4).reference());
+    values.extend(workpieces.filter_map(|workpiece| Some(NamedValue::text("workpiece", product_name(aim, workpiece)?))));
+    values
 }
 
-fn plane_height(program: &Program, representation: u64) -> Result<Option<Millimetres>, Fault> {
-    let aim = program.aim();
-    let representation = aim.representation(representation)?;
-    let Some(&plane) = representation.items.iter().find(|&&item| aim.keyword(item) == "PLANE") else {
-        return Ok(None);
-    };
-    let units = context(program, &representation)?;
-    let plane = aim.instance(plane)?;
-    let Some(position) = plane.argument(1).reference() else {
-        return Ok(None);
-    };
-    let frame = curve::placement(aim, position, units.millimetres)?;
-    Ok(Some(Millimetres(frame.origin[2])))
-}
-
-fn read_setup(program: &Program, process: u64) -> Result<Option<Setup>, Fault> {
-    let aim = program.aim();
-    let definition = aim
-        .users_by(process, "PROCESS_PRODUCT_ASSOCIATION", 3)
-        .find_map(|(_, association)| association.argument(2).reference());
-    let Some(definition) = definition else { return Ok(None) };
-    let formation = aim.instance(definition)?.argument(2).reference();
-    let product = formation.and_then(|formation| aim.instance(formation).ok()?.argument(2).reference());
-    let name = product.and_then(|product| aim.instance(product).ok());
-    let name = name.map(|product| text(product.argument(0)).into_owned()).unwrap_or_default();
-
-    let mut machine_from_setup = None;
-    for (shape, instance) in aim.users_by(definition, "PRODUCT_DEFINITION_SHAPE", 2) {
-        if text(instance.argument(0)) != "orientation" {
-            continue;
-        }
-        for (_, link) in aim.users_by(shape, "SHAPE_DEFINITION_REPRESENTATION", 0) {
-            if let Some(representation) = link.argument(1).reference()
-                && let Some(frame) = placed(program, representation)?
-            {
-                machine_from_setup = Some(retarget(&frame));
-            }
-        }
-    }
-    let mut security_plane = None;
-    for (property, instance) in aim.users_by(definition, "PROPERTY_DEFINITION", 2) {
-        if text(instance.argument(0)) != "security plane" {
-            continue;
-        }
-        for (_, link) in aim.users_by(property, "PROPERTY_DEFINITION_REPRESENTATION", 0) {
-            if let Some(representation) = link.argument(1).reference() {
-                security_plane = plane_height(program, representation)?.or(security_plane);
-            }
-        }
-    }
-    Ok(Some(Setup {
-        id: definition,
-        name,
-        machine_from_setup,
-        setup_from_part: workpiece_placement(program, definition),
-        security_plane,
-    }))
-}
-
-/// The same numbers read as a transform into the machine.
-fn retarget<T: units::Frame, S: units::Frame>(frame: &Transform<units::Setup, units::Setup>) -> Transform<T, S> {
-    let mut out = Transform::IDENTITY;
-    out.rotation = frame.rotation;
-    out.origin = frame.origin;
-    out
-}
-
-/// Where the workpiece lies in the set-up: item 1 is a frame in the workpiece, item 2 where that frame is in the set-up.
-fn workpiece_placement(program: &Program, setup: u64) -> Option<Transform<units::Setup, Part>> {
-    let aim = program.aim();
-    let (relation, _) = aim.users_by(setup, "MACHINING_SETUP_WORKPIECE_RELATIONSHIP", 3).next()?;
-    let (shape, _) = aim.users_by(relation, "PRODUCT_DEFINITION_SHAPE", 2).next()?;
-    let (_, link) = aim.users_by(shape, "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION", 1).next()?;
-    let relationship = aim.instance(link.argument(0).reference()?).ok()?;
-    let transformation = relationship
-        .part("REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION")?
-        .first()?
-        .reference()?;
-    let shapes = relationship.part("REPRESENTATION_RELATIONSHIP")?;
-    let units_of = |n: usize| {
-        let representation = aim.representation(shapes.get(n)?.reference()?).ok()?;
-        context(program, &representation).ok()
-    };
-    let (part_units, setup_units) = (units_of(2)?, units_of(3)?);
-    let transformation = aim.instance(transformation).ok()?;
-    let in_part = curve::placement(aim, transformation.argument(2).reference()?, part_units.millimetres).ok()?;
-    let in_setup = curve::placement(aim, transformation.argument(3).reference()?, setup_units.millimetres).ok()?;
-    Some(retarget(&(in_setup * in_part.inverse())))
+/// The name of the product that a definition is of.
+fn product_name(aim: Aim, definition: u64) -> Option<String> {
+    let formation = aim.instance(definition).ok()?.argument(2).reference()?;
+    let product = aim.instance(formation).ok()?.argument(2).reference()?;
+    let product = aim.instance(product).ok()?;
+    let attributes = aim.attributes(&product, "PRODUCT");
+    let words = [attributes.get(1), attributes.first()].map(|word| word.map(text).unwrap_or_default());
+    words
+        .into_iter()
+        .find(|word| !word.is_empty())
+        .map(std::borrow::Cow::into_owned)
 }
 
 fn read_operation(aim: Aim, id: u64) -> Result<Operation, Fault> {
     let instance = aim.instance(id)?;
+    let attributes = aim.attributes(&instance, "ACTION_METHOD");
     let links = aim.links(id);
     Ok(Operation {
         id,
-        name: text(instance.argument(0)).into_owned(),
-        kind: aim.keyword(id).to_string(),
-        variant: text(instance.argument(1)).into_owned(),
+        name: attributes.first().map(text).unwrap_or_default().into_owned(),
+        kind: operation_kind(aim.keyword(id)),
+        variant: attributes.get(1).map(text).unwrap_or_default().into_owned(),
+        values: values_of(aim, &links, &[]),
         toolpaths: links.in_sequence("MACHINING_TOOLPATH_SEQUENCE_RELATIONSHIP"),
         technology: links.related("MACHINING_TECHNOLOGY_RELATIONSHIP"),
         functions: links.related("MACHINING_FUNCTIONS_RELATIONSHIP"),
     })
-}
-
-fn technology(aim: Aim, id: u64) -> Technology {
-    let links = aim.links(id);
-    let mut technology = Technology::default();
-    if let Some(representation) = links.property("feedrate") {
-        match feed(aim, representation) {
-            Ok(feed) => technology.feed = feed,
-            Err(fault) => technology.faults.push(fault),
-        }
-    }
-    if let Some(representation) = links.property("spindle") {
-        match spindle(aim, representation) {
-            Ok(spindle) => technology.spindle = spindle,
-            Err(fault) => technology.faults.push(fault),
-        }
-    }
-    technology
-}
-
-fn feed(aim: Aim, representation: u64) -> Result<Option<FeedSetting>, Fault> {
-    let representation = aim.representation(representation)?;
-    let Some(&item) = representation.items.first() else {
-        return Ok(None);
-    };
-    let name = aim.item_name(item);
-    let name = if name.is_empty() { representation.name.clone() } else { name };
-    let measure = aim.measure(item)?;
-    // Older files write every feed as a plain speed: the unit tells, the name only tells teeth from revolutions.
-    let feed = match measure.dimension {
-        unit::SPEED => FeedSetting::PerTime(MmPerSec(measure.value)),
-        unit::PER_REVOLUTION | unit::LENGTH if name == "feed per tooth" => FeedSetting::PerTooth(Millimetres(measure.value)),
-        unit::PER_REVOLUTION => FeedSetting::PerRevolution(Millimetres(measure.value)),
-        unit::LENGTH if name == "feed per revolution" => FeedSetting::PerRevolution(Millimetres(measure.value)),
-        _ => {
-            let message = format!("the unit of '{name}' is no feed's");
-            return Err(Fault::new(
-                item,
-                "feed-unit",
-                message,
-                "give the feed in length per time or per revolution",
-            ));
-        }
-    };
-    Ok(Some(feed))
-}
-
-fn spindle(aim: Aim, representation: u64) -> Result<Option<SpindleSetting>, Fault> {
-    let representation = aim.representation(representation)?;
-    let mut surface = None;
-    let mut limit = None;
-    for &item in &representation.items {
-        let name = aim.item_name(item);
-        let measure = aim.measure(item)?;
-        let per_minute = match measure.dimension {
-            [0, -1, 0, 1] | [0, -1, 0, 0] => Some(measure.value * 60.0),
-            [0, -1, 1, 0] => Some(measure.value * 60.0 / std::f64::consts::TAU),
-            _ => None,
-        };
-        match (per_minute, measure.dimension) {
-            (Some(speed), _) if name == "maximum rotational speed" => limit = Some(Rpm(speed.abs())),
-            (Some(0.0), _) => return Ok(Some(SpindleSetting::Stopped)),
-            (Some(speed), _) => {
-                return Ok(Some(SpindleSetting::Revolutions {
-                    speed: Rpm(speed.abs()),
-                    clockwise: speed < 0.0,
-                }));
-            }
-            (None, unit::SPEED) => surface = Some(measure.value),
-            _ => {
-                let message = format!("the unit of '{name}' is no spindle speed's");
-                return Err(Fault::new(
-                    item,
-                    "spindle-unit",
-                    message,
-                    "give it in revolutions per time, or as a surface speed",
-                ));
-            }
-        }
-    }
-    Ok(surface.map(|speed| match speed {
-        0.0 => SpindleSetting::Stopped,
-        _ => SpindleSetting::Surface {
-            speed: MmPerSec(speed.abs()),
-            limit,
-            clockwise: speed < 0.0,
-        },
-    }))
-}
-
-fn functions(aim: Aim, id: u64) -> MachineFunctions {
-    let links = aim.links(id);
-    let says = |property: &str, value: &str| property_text(aim, &links, property).is_some_and(|text| text == value);
-    let on = says("coolant", "coolant on");
-    let kind = property_text(aim, &links, "coolant type").unwrap_or_default();
-    let mut functions = MachineFunctions {
-        coolant: CoolantState {
-            flood: on && (kind.is_empty() || kind == "flood"),
-            mist: says("mist", "mist on") || (on && kind == "mist"),
-            through: says("through spindle coolant", "through spindle coolant on") || (on && kind == "through tool"),
-        },
-        others: BTreeMap::new(),
-    };
-    let others = links.property("other functions").and_then(|id| aim.representation(id).ok());
-    for item in others.map(|others| others.items).unwrap_or_default() {
-        let mode = aim.description(item).unwrap_or_default();
-        functions
-            .others
-            .entry(aim.item_name(item))
-            .and_modify(|modes| {
-                modes.push(',');
-                modes.push_str(&mode);
-            })
-            .or_insert(mode);
-    }
-    functions
-}
-
-fn tool(aim: Aim, id: u64) -> Result<(Tool, Vec<Fault>), Fault> {
-    let instance = aim.instance(id)?;
-    let links = aim.links(id);
-    let name = text(instance.argument(0)).into_owned();
-    let mut faults = Vec::new();
-    let mut tool = Tool {
-        id,
-        number: number_in(&name).or_else(|| number_in(&property_text(aim, &links, "tool position")?)),
-        name,
-        kind: text(instance.argument(1)).into_owned(),
-        diameter: None,
-        length: None,
-        teeth: None,
-        users: instance.argument(2).references().collect(),
-    };
-    for (_, representation, _) in links.properties.iter().filter(|property| property.0 == "tool body") {
-        for &item in &aim.representation(*representation)?.items {
-            let name = aim.item_name(item);
-            let outcome = match name.as_str() {
-                "effective cutting diameter" => aim
-                    .measure_of(item, unit::LENGTH, &name)
-                    .map(|mm| tool.diameter = Some(Millimetres(mm))),
-                "overall assembly length" => aim
-                    .measure_of(item, unit::LENGTH, &name)
-                    .map(|mm| tool.length = Some(Millimetres(mm))),
-                "number of effective teeth" => aim
-                    .measure_of(item, unit::NUMBER, &name)
-                    .map(|teeth| tool.teeth = Some(teeth)),
-                _ => Ok(()),
-            };
-            faults.extend(outcome.err());
-        }
-    }
-    Ok((tool, faults))
-}
-
-/// The number in `7`, `T07` or `Tool 7`.
-fn number_in(text: &str) -> Option<ToolNumber> {
-    let start = text.find(|c: char| c.is_ascii_digit())?;
-    let digits: String = text[start..].chars().take_while(char::is_ascii_digit).collect();
-    let behind = &text[start + digits.len()..];
-    if behind.contains(|c: char| c.is_ascii_digit()) {
-        return None; // `12 mm R0.5` is a description
-    }
-    digits.parse().ok().map(ToolNumber)
 }
 
 fn function(aim: Aim, description: &str, links: &Links) -> Function {
@@ -653,138 +539,4 @@ fn twin_facts(aim: Aim, links: &Links, any: bool) -> Option<TwinFacts> {
         worktime: worktime.map(Seconds),
         exception: property_text(aim, links, "twin exception"),
     })
-}
-
-pub(super) fn read_toolpath(program: &Program, id: u64) -> Toolpath {
-    let aim = program.aim();
-    let mut toolpath = Toolpath {
-        id,
-        name: String::new(),
-        kind: ToolpathKind::Feed,
-        description: String::new(),
-        trajectory: String::new(),
-        technology: None,
-        functions: None,
-        profile: None,
-        dwell: None,
-        maximum_deviation: None,
-        reversed: false,
-        tilted: false,
-        twin: None,
-        curve: None,
-        context: None,
-        faults: Vec::new(),
-    };
-    let instance = match aim.instance(id) {
-        Ok(instance) => instance,
-        Err(fault) => {
-            toolpath.faults.push(fault);
-            return toolpath;
-        }
-    };
-    toolpath.name = text(instance.argument(0)).into_owned();
-    toolpath.description = text(instance.argument(1)).into_owned();
-    let links = aim.links(id);
-    toolpath.technology = links.related("MACHINING_TECHNOLOGY_RELATIONSHIP");
-    toolpath.functions = links.related("MACHINING_FUNCTIONS_RELATIONSHIP");
-    toolpath.twin = twin_facts(aim, &links, true);
-    toolpath.trajectory = property_text(aim, &links, "trajectory type").unwrap_or_default();
-    toolpath.reversed = property_text(aim, &links, "direction").is_some_and(|direction| direction == "end to beginning");
-    let mut read = || -> Result<(), Fault> {
-        if let Some(representation) = links.property("basic curve") {
-            let representation = aim.representation(representation)?;
-            toolpath.curve = representation.items.first().map(|&curve| (representation.id, curve));
-            toolpath.context = representation.context;
-        }
-        if let Some(representation) = links.property("tool axis")
-            && let Some(&curve) = aim.representation(representation)?.items.first()
-        {
-            toolpath.tilted = curve::is_tilted(aim, curve);
-        }
-        if let Some(representation) = links.property("dwell") {
-            toolpath.dwell = dwell(aim, representation)?;
-        }
-        if let Some(representation) = links.property("speed profile") {
-            match speed_profile(aim, representation)? {
-                None => toolpath.kind = ToolpathKind::Rapid,
-                profile => toolpath.profile = profile,
-            }
-        }
-        if let Some(representation) = links.property("path maximum deviation")
-            && let Some(&item) = aim.representation(representation)?.items.first()
-        {
-            let deviation = aim.measure_of(item, unit::LENGTH, "path maximum deviation")?;
-            toolpath.maximum_deviation = Some(Millimetres(deviation.abs()));
-        }
-        Ok(())
-    };
-    let outcome = read();
-    toolpath.faults.extend(outcome.err());
-    if toolpath.description == "feedstop" {
-        toolpath.kind = ToolpathKind::Dwell;
-    }
-    toolpath
-}
-
-fn dwell(aim: Aim, representation: u64) -> Result<Option<Dwell>, Fault> {
-    let representation = aim.representation(representation)?;
-    let Some(&item) = representation.items.first() else {
-        return Ok(None);
-    };
-    let measure = aim.measure(item)?;
-    let revolutions = representation.name == "dwell revolution" || aim.item_name(item) == "dwell revolution";
-    match measure.dimension {
-        unit::TIME if measure.value >= 0.0 => Ok(Some(Dwell::Time(Seconds(measure.value)))),
-        unit::NUMBER | unit::REVOLUTIONS if revolutions && measure.value >= 0.0 => Ok(Some(Dwell::Revolutions(measure.value))),
-        _ => Err(Fault::new(
-            item,
-            "dwell",
-            "a dwell is neither a time nor revolutions",
-            "give the dwell as a time",
-        )),
-    }
-}
-
-/// The multiplier along a path; `None` is rapid.
-fn speed_profile(aim: Aim, representation: u64) -> Result<Option<SpeedProfile>, Fault> {
-    let representation = aim.representation(representation)?;
-    let fault = |message: &str| {
-        Fault::new(
-            representation.id,
-            "speed-profile",
-            message,
-            "use 'rapid', a ratio or a curve of numbers",
-        )
-    };
-    let Some(&item) = representation.items.first() else {
-        return Err(fault("a speed profile is empty"));
-    };
-    if aim.keyword(item) == "DESCRIPTIVE_REPRESENTATION_ITEM" {
-        return match aim.description(item).as_deref() {
-            Some("rapid") => Ok(None),
-            _ if aim.item_name(item) == "rapid" => Ok(None),
-            _ => Err(fault("the only speed that has a name is 'rapid'")),
-        };
-    }
-    if aim.is(item, "BOUNDED_CURVE")
-        || aim.keyword(item) == "POLYLINE"
-        || aim.keyword(item).ends_with("_CURVE")
-        || aim.is(item, "B_SPLINE_CURVE_WITH_KNOTS")
-    {
-        let numbers = curve::numbers_along(aim, item)?;
-        let last = (numbers.len() - 1).max(1) as f64;
-        let points = numbers
-            .into_iter()
-            .enumerate()
-            .map(|(n, factor)| (n as f64 / last, factor))
-            .collect();
-        return Ok(Some(SpeedProfile { points }));
-    }
-    let ratio = aim.measure_of(item, unit::NUMBER, "a speed profile")?;
-    if ratio <= 0.0 {
-        return Err(fault("a feed multiplier is not above 0"));
-    }
-    Ok(Some(SpeedProfile {
-        points: vec![(0.0, ratio), (1.0, ratio)],
-    }))
 }
