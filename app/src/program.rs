@@ -39,6 +39,8 @@ pub enum Kind {
         /// Why it is taken for that.
         because: String,
     },
+    /// A cutter-location file (APT).
+    CutterLocation,
 }
 
 impl Program {
@@ -76,6 +78,17 @@ impl Program {
                 name,
                 hash,
                 kind: Kind::StepNc(Arc::new(program)),
+                parameters,
+                variables: BTreeMap::new(),
+            });
+        }
+        if wanted.is_none() && (has_apt_ending(path) || apt::AptProgram::looks_like(&head)) {
+            let hash = hash_of(&mut source).map_err(|e| unreadable(&e))?;
+            return Ok(Program {
+                path: path.to_owned(),
+                name,
+                hash,
+                kind: Kind::CutterLocation,
                 parameters,
                 variables: BTreeMap::new(),
             });
@@ -121,6 +134,7 @@ impl Program {
                 Ok(Box::new(StepNcStream::new(Arc::clone(program), options)))
             }
             Kind::Gcode { .. } => Ok(Box::new(self.gcode(tables)?)),
+            Kind::CutterLocation => Ok(Box::new(self.cutter_location(tables)?)),
         }
     }
 
@@ -153,11 +167,22 @@ impl Program {
         })
     }
 
+    /// A cutter-location file as what it is.
+    ///
+    /// # Errors
+    /// It cannot be read (any more).
+    pub fn cutter_location(&self, tables: &Tables) -> Result<apt::AptProgram, Failure> {
+        let unreadable = |error: &dyn std::fmt::Display| Failure::unreadable(format_args!("{}: {error}", self.path.display()));
+        let source = FileSource::open(&self.path).map_err(|e| unreadable(&e))?;
+        apt::AptProgram::open(Box::new(source), &self.name, tables.clone()).map_err(|e| unreadable(&e))
+    }
+
     /// True when the program turns: it is a lathe's.
     pub fn turns(&self) -> bool {
         match &self.kind {
             Kind::StepNc(program) => program.turns(),
             Kind::Gcode { profile, .. } => profile.turning,
+            Kind::CutterLocation => false,
         }
     }
 
@@ -165,7 +190,7 @@ impl Program {
     pub fn step_nc(&self) -> Option<&Arc<stepnc::Program>> {
         match &self.kind {
             Kind::StepNc(program) => Some(program),
-            Kind::Gcode { .. } => None,
+            Kind::Gcode { .. } | Kind::CutterLocation => None,
         }
     }
 
@@ -174,6 +199,7 @@ impl Program {
         match &self.kind {
             Kind::StepNc(_) => ("step-nc", "it is a Part 21 file"),
             Kind::Gcode { profile, because } => (profile.name, because),
+            Kind::CutterLocation => ("cutter-location", "its statements are APT's"),
         }
     }
 }
@@ -229,12 +255,20 @@ pub fn is_part21(head: &[u8]) -> bool {
     text.starts_with(b"ISO-10303-21") || text.starts_with(b"/*")
 }
 
+fn has_apt_ending(path: &Path) -> bool {
+    ending(path, &["cls", "cl", "apt", "aptsource", "ncl"])
+}
+
 fn has_step_ending(path: &Path) -> bool {
+    ending(path, &["stpnc", "stp", "step", "p21", "238"])
+}
+
+fn ending(path: &Path, known: &[&str]) -> bool {
     let ending = path
         .extension()
         .map(|e| e.to_string_lossy().to_lowercase())
         .unwrap_or_default();
-    ["stpnc", "stp", "step", "p21", "238"].contains(&ending.as_str())
+    known.contains(&ending.as_str())
 }
 
 fn whole(source: &mut FileSource) -> Result<Vec<u8>, plan::ReadError> {

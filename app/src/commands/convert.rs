@@ -94,6 +94,7 @@ fn in_inches(program: &Program, tables: &Tables) -> Result<bool, Failure> {
                 }
             }
         }
+        Kind::CutterLocation => Ok(program.cutter_location(tables)?.in_inches()),
         Kind::StepNc(_) => Ok(false),
     }
 }

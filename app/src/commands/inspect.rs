@@ -31,11 +31,21 @@ pub fn inspect(args: &InspectArgs, common: &Common) -> Done {
                 gcode::GcodeProgram::in_inches,
             )))?
         }
+        Kind::CutterLocation => {
+            let mut stream = program.cutter_location(&Tables::empty())?;
+            let mut tree = json(serde_json::to_value(gcode::inspect::inspect(
+                &mut stream,
+                program.dialect().0,
+                apt::AptProgram::in_inches,
+            )))?;
+            tree["kind"] = "cutter-location".into();
+            tree
+        }
     };
     if let Some(path) = &args.select {
         let id = match &program.kind {
             Kind::StepNc(p) => stepnc::select::select(p, path).map_err(Failure::usage)?.id(),
-            Kind::Gcode { .. } => by_name(&found["tree"], path)?,
+            Kind::Gcode { .. } | Kind::CutterLocation => by_name(&found["tree"], path)?,
         };
         let part = find(&found["tree"], id).cloned();
         let part = part.ok_or_else(|| Failure::usage(format_args!("'{path}' is no part of the program's tree")))?;

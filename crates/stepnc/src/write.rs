@@ -424,8 +424,9 @@ impl<'o> Writer<'o> {
         if exact_stop {
             others.push((EXACT_STOP, "on".to_string()));
         }
-        let own = self.tool.map_or(0, |tool| self.tools[tool].number.0);
-        if self.offset.number != own {
+        // Without a tool that is said as well: the stream asks for one otherwise.
+        let own = self.tool.map(|tool| self.tools[tool].number.0);
+        if Some(self.offset.number) != own {
             let number = match self.offset.number {
                 0 => "off".to_string(),
                 number => number.to_string(),
@@ -605,13 +606,17 @@ impl<'o> Writer<'o> {
             machine_from_setup: Transform::IDENTITY,
             assumed: true,
         });
-        if let Some(known) = self.bases.iter().position(|base| base.name == frame.name) {
+        // A shifted offset is told as `G54 G52`.
+        let name = SHIFTS
+            .iter()
+            .fold(frame.name.as_str(), |name, shift| name.strip_suffix(shift).unwrap_or(name));
+        if let Some(known) = self.bases.iter().position(|base| base.name == name) {
             return known;
         }
-        let table = self.options.tables.work_offsets.get(&frame.name);
+        let table = self.options.tables.work_offsets.get(name);
         self.bases.push(Base {
             machine_from_setup: table.copied().unwrap_or(frame.machine_from_setup),
-            name: frame.name,
+            name: name.to_string(),
             assumed: frame.assumed,
             highest: f64::NEG_INFINITY,
         });
@@ -995,6 +1000,8 @@ impl<'o> Writer<'o> {
     }
 }
 
+/// What follows the name of a work offset that a program has shifted, the last one first.
+const SHIFTS: [&str; 2] = [" G92", " G52"];
 /// Gaps up to this are rounding of a program's numbers, mm; the planner closes as much.
 const ROUNDING: f64 = 0.05;
 /// Shorter moves have no direction, mm.

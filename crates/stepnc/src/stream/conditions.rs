@@ -67,6 +67,11 @@ pub(super) fn path_mode(toolpath: &Toolpath, functions: Option<&MachineFunctions
     }
 }
 
+/// True when no tool offset is asked for.
+pub(super) fn runs_without_tool(functions: Option<&MachineFunctions>) -> bool {
+    functions.is_some_and(|functions| functions.others.get(TOOL_OFFSET).is_some_and(|mode| mode == "off"))
+}
+
 /// The conditions that are somebody else's.
 pub(super) fn others(functions: Option<&MachineFunctions>) -> BTreeMap<String, String> {
     let mut others = functions.map(|functions| functions.others.clone()).unwrap_or_default();

@@ -27,16 +27,8 @@ impl Walker<'_> {
                 program.note(&mut self.run.diagnostics, Severity::Warning, &fault);
                 Ok(())
             }
-            None if self.options.tables.missing == Missing::Assume => {
-                let message = format!(
-                    "operation '{}' has no tool and none was loaded: one of no length is assumed",
-                    operation.name
-                );
-                let remedy = "add the operation to the users of a MACHINING_TOOL, or load a tool before";
-                let fault = Fault::new(operation.id, "no-tool", message, remedy);
-                program.note(&mut self.run.diagnostics, Severity::Warning, &fault);
-                Ok(())
-            }
+            // It says itself that there is none: it was made from a program without a tool.
+            None if super::conditions::runs_without_tool(operation.functions.and_then(|id| program.functions(id))) => Ok(()),
             None => Err(Fault::new(
                 operation.id,
                 "no-tool",

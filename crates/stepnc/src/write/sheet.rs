@@ -124,9 +124,17 @@ impl Sheet {
         let _ = writeln!(self.text, "#{id}={};", body.as_ref());
     }
 
-    /// A number of the file's length unit, rounded to a ten-thousandth of a micrometre: what is finer is noise of arithmetic.
+    /// A number of the file's length unit that reads back to the same double wherever that can be: the planner rounds corners by
+    /// comparing lengths, and a digit of noise may decide.
     pub(super) fn number(&self, millimetres: f64) -> String {
-        let c = libm::round(millimetres / self.length_unit * 1e10) / 1e10;
+        let c = millimetres / self.length_unit;
+        // Without the noise of dividing, when the shorter number means the same length.
+        let shorter = libm::round(c * 1e10) / 1e10;
+        let c = if shorter * self.length_unit == millimetres {
+            shorter
+        } else {
+            c
+        };
         real(if c == 0.0 { 0.0 } else { c })
     }
 
