@@ -23,7 +23,13 @@ pub fn check(args: &ProgramArgs, common: &Common) -> Done {
     )?;
     let machine = machine_for(&common.machine, program.turns())?;
     let tables = store::registers::tables(&machine, &BTreeMap::new()).map_err(shop::failure)?;
-    let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
+    let mut found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
+    if let Some(step_nc) = program.step_nc() {
+        let known: Vec<&str> = found.remarks.iter().map(|remark| remark.code).collect();
+        let mut violations = stepnc::problems::violations(step_nc);
+        violations.retain(|violation| !known.contains(&violation.code));
+        found.remarks.extend(violations);
+    }
     let all = checks(&found, travels(&machine), &tables);
     let worst = worst(&all);
     let (dialect, because) = program.dialect();

@@ -44,7 +44,7 @@ pub fn convert(args: &ConvertArgs, common: &Common) -> Done {
     };
     let mut stream = program.stream(&tables)?;
     let file = stepnc::write::convert(&mut *stream, &options, &mut beforehand).map_err(|error| match error {
-        ConvertError::Alarm(alarm) => alarm.into(),
+        ConvertError::Alarm(alarm) => (*alarm).into(),
         other => Failure::negative(format_args!("error: {}: {other}", program.name)),
     })?;
     files::write(&args.out, &file.bytes)?;

@@ -22,7 +22,13 @@ pub fn inspect(args: &InspectArgs, common: &Common) -> Done {
         inspection.map_err(|e| Failure::machine(format_args!("the tree is no JSON: {e}")))
     };
     let mut found = match &program.kind {
-        Kind::StepNc(p) => json(serde_json::to_value(stepnc::inspect::inspect(p)))?,
+        Kind::StepNc(p) => {
+            let mut inspection = stepnc::inspect::inspect(p);
+            inspection
+                .problems
+                .extend(stepnc::problems::violations(p).iter().map(Into::into));
+            json(serde_json::to_value(inspection))?
+        }
         Kind::Gcode { profile, .. } => {
             let mut stream = program.gcode(&Tables::empty())?;
             json(serde_json::to_value(gcode::inspect::inspect(

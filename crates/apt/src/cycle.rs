@@ -86,7 +86,11 @@ impl Cycle {
             );
         }
         if step.is_some_and(|step| (rapid_to - feed_to) / step > MOST_PECKS) {
-            return fault("cycle", "the steps of the cycle are too small for its depth".into(), "give a larger STEP");
+            return fault(
+                "cycle",
+                "the steps of the cycle are too small for its depth".into(),
+                "give a larger STEP",
+            );
         }
         let feed = ["MMPM", "IPM", "MMPR", "IPR"]
             .iter()

@@ -19,6 +19,7 @@ mod expression;
 pub mod inspect;
 pub mod model;
 mod named;
+pub mod problems;
 pub mod select;
 pub mod stream;
 pub mod twin;

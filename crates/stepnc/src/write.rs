@@ -74,7 +74,7 @@ pub struct Written {
 pub enum ConvertError {
     /// It cannot be run to its end.
     #[error("{0}")]
-    Alarm(Alarm),
+    Alarm(Box<Alarm>),
     /// It moves nothing.
     #[error("the program moves nothing: a workplan needs at least one workingstep or function")]
     Empty,
@@ -109,7 +109,7 @@ pub fn convert(
                 reply = Some(answer(&question));
             }
             Next::End => break,
-            Next::Alarm(alarm) => return Err(ConvertError::Alarm(alarm)),
+            Next::Alarm(alarm) => return Err(ConvertError::Alarm(Box::new(alarm))),
         }
     }
     writer.finish()
@@ -219,6 +219,8 @@ struct Writer<'o> {
     workingsteps: u32,
     toolpaths: u32,
     notices: BTreeSet<String>,
+    /// Registers that the program writes.
+    registers: BTreeSet<String>,
 }
 
 impl<'o> Writer<'o> {
@@ -268,6 +270,7 @@ impl<'o> Writer<'o> {
             workingsteps: 0,
             toolpaths: 0,
             notices: BTreeSet::new(),
+            registers: BTreeSet::new(),
         }
     }
 
@@ -306,10 +309,7 @@ impl<'o> Writer<'o> {
             StepKind::Stop(StopKind::Program) => self.function("program stop", "program stop", &BTreeMap::new()),
             StepKind::Stop(StopKind::Optional) => self.function("optional stop", "optional stop", &BTreeMap::new()),
             StepKind::Register(change) => {
-                self.notices.insert(format!(
-                    "the program writes {}; STEP-NC has no registers, so that is left out, and moves are as it made them",
-                    change.register.name()
-                ));
+                self.registers.insert(change.register.name());
             }
             StepKind::NcFunction(RawNcFunction { kind, name, text, .. }) => {
                 let name = if name.is_empty() { kind } else { name };
@@ -785,6 +785,13 @@ impl<'o> Writer<'o> {
         self.tell_tool();
         if self.children.is_empty() {
             return Err(ConvertError::Empty);
+        }
+        if !self.registers.is_empty() {
+            let names: Vec<String> = std::mem::take(&mut self.registers).into_iter().collect();
+            self.notices.insert(format!(
+                "the program writes registers of the machine ({}); STEP-NC has none: they are left out, and moves are as they made them",
+                names.join(", ")
+            ));
         }
         self.technologies();
         self.workplans();

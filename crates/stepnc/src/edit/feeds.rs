@@ -197,7 +197,7 @@ impl ProgramEdits<'_> {
             let unit = aim.unit_of_measure(item).ok().filter(|unit| unit.dimension == unit::SPEED)?;
             let values = aim.instance(item).ok()?;
             let values = values.records().iter().flat_map(|record| &record.arguments);
-            Some((values.filter_map(Value::reference).last()?, unit.factor))
+            Some((values.filter_map(Value::reference).next_back()?, unit.factor))
         });
         let id = self
             .edits
