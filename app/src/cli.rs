@@ -449,6 +449,8 @@ pub enum PlacementName {
     Project,
     /// A disabled workplan at the end of the plan's main workplan.
     Workplan,
+    /// A file of its own that points at the anchors of the plan's file (Part 21 edition 3).
+    External,
 }
 
 /// `toolmark compare`

@@ -134,6 +134,7 @@ impl Story<'_> {
             report::print(report, DisplayUnits::Mm);
         }
         let shift = self.say_what_was_found(report);
+        let told = self.say_twin(&run.folder.join("as-executed.stpnc"))?;
 
         // The same machine, seen only by positions every 100 ms, times off by up to 20 ms.
         let thin = self.run(
@@ -164,7 +165,7 @@ impl Story<'_> {
         let named = shift.is_some_and(|s| (s - 0.12).abs() < 0.005);
         let same_cut = (report.feed_runs, report.rapid_runs) == (thinned.feed_runs, thinned.rapid_runs);
         Ok(Chapter {
-            came_true: run.outcome.ended == Ended::Completed && judged(report) && judged(thinned) && named && same_cut,
+            came_true: told && run.outcome.ended == Ended::Completed && judged(report) && judged(thinned) && named && same_cut,
             numbers: json!({
                 "rows": run.record.rows,
                 "machine_time_s": run.outcome.time.0,
@@ -175,6 +176,40 @@ impl Story<'_> {
                 "as_mtconnect": brief(thinned),
             }),
         })
+    }
+
+    /// The run as it stands in the file, read from it: workplans in workplans, each part with the one of the plan that it is a run of.
+    /// False when a part is missing or points at nothing.
+    fn say_twin(&self, path: &Path) -> Result<bool, Failure> {
+        let bytes = std::fs::read(path).map_err(|e| Failure::unreadable(format_args!("{}: {e}", path.display())))?;
+        let file = stepnc::Program::read("as-executed.stpnc", bytes)
+            .map_err(|e| Failure::unreadable(format_args!("{}: {e}", path.display())))?;
+        let Some(twin) = file.projects().iter().find(|project| project.is_twin) else {
+            return Ok(false);
+        };
+        (self.tell)(
+            "   the run in as-executed.stpnc, workplan in workplan, each part with how long it took and what it is a run of:",
+        );
+        let mut whole = true;
+        let mut open = vec![(twin.main_workplan, 0)];
+        while let Some((id, depth)) = open.pop() {
+            let Some(part) = file.executable(id) else { continue };
+            let facts = part.twin.as_ref();
+            let planned = facts.and_then(|facts| file.executable(facts.plan?));
+            whole &= planned.is_some();
+            let time = facts.and_then(|facts| Some(facts.end?.since(facts.start?).0)).unwrap_or(0.0);
+            (self.tell)(&format!(
+                "     {:indent$}{} {:width$} {time:5.1} s   {}",
+                "",
+                part.kind_word(),
+                part.name,
+                planned.map_or("nothing", |planned| planned.name.as_str()),
+                indent = 2 * depth,
+                width = 44 - 2 * depth - part.kind_word().len(),
+            ));
+            open.extend(part.children().into_iter().rev().map(|child| (child, depth + 1)));
+        }
+        Ok(whole)
     }
 
     /// Size of the shift that the report itself found, mm; said in words.

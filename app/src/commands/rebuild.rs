@@ -68,7 +68,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         }
     };
     let placement = match args.placement {
-        PlacementName::Project => Placement::Project,
+        PlacementName::Project | PlacementName::External => Placement::Project,
         PlacementName::Workplan => Placement::Workplan,
     };
     let twin = TwinOptions {
@@ -79,6 +79,15 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
     let damaged = found.iter().filter(|d| d.severity == Severity::Error);
     rebuilt.report.findings.splice(0..0, damaged.map(ToString::to_string));
     let bytes = match &program {
+        Some(program) if args.placement == PlacementName::External => {
+            let Some(plan) = program.step_nc() else {
+                return Err(Failure::usage("--as external: only a STEP-NC plan has anchors"));
+            };
+            let saved = stepnc::twin::write_beside(plan, &program.name, &rebuilt.executed, &twin)
+                .map_err(|e| Failure::negative(format_args!("error: {e}")))?;
+            saved.notices.iter().for_each(|notice| shop::notice(notice));
+            saved.bytes
+        }
         Some(program) => as_executed(program, &rebuilt.executed, &twin)?,
         None => stepnc::write_new(&rebuilt.executed, &twin).map_err(|e| Failure::negative(format_args!("error: {e}")))?,
     };

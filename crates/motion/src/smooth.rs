@@ -249,9 +249,8 @@ impl Smoother {
             };
             let blend = Blend::round(start, out, corner, end, into);
             let deviation = deviation(&blend, last, leave, next, enter, corner);
-            // Legs that just reach the tolerance are not to be shortened by the last bit of an arithmetic.
-            if deviation <= tolerance * (1.0 + 1e-9) {
-                self.max_deviation = self.max_deviation.max(deviation.min(tolerance));
+            if deviation <= tolerance {
+                self.max_deviation = self.max_deviation.max(deviation);
                 return Join::Blend { blend, leave, enter };
             }
             legs = legs.map(|d| d * 0.8);

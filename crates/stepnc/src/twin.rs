@@ -76,6 +76,16 @@ pub enum WriteError {
         /// The file.
         file: String,
     },
+    /// Another file cannot point at the plan.
+    #[error(
+        "{file} has no anchor for #{entity}, so another file cannot point at it: put the run into the plan's file, or give the plan an ANCHOR section"
+    )]
+    NoAnchor {
+        /// What was run.
+        entity: u64,
+        /// The plan's file.
+        file: String,
+    },
     /// A coordinate is infinite or not a number.
     #[error("toolpath '{0}' has a point that is not a finite number")]
     NotFinite(String),
@@ -109,6 +119,7 @@ pub fn append(program: &Program, run: &AsExecuted, options: &TwinOptions) -> Res
         utc: None,
         units: BTreeMap::new(),
         new_file: false,
+        anchored: BTreeMap::new(),
         left_out: 0,
         options,
     };
@@ -149,11 +160,61 @@ pub fn append(program: &Program, run: &AsExecuted, options: &TwinOptions) -> Res
 /// # Errors
 /// When the run holds numbers that STEP cannot.
 pub fn write_new(run: &AsExecuted, options: &TwinOptions) -> Result<Vec<u8>, WriteError> {
+    write_file(run, options, BTreeMap::new(), "")
+}
+
+/// Makes a file of a run beside its plan: it points at the anchors that the plan has (Part 21 edition 3), `uri` is where the plan is.
+/// Parts of the plan without an anchor have none to point at, and that is said.
+///
+/// # Errors
+/// When the plan has no anchor for what was run, or the run holds numbers that STEP cannot.
+pub fn write_beside(plan: &Program, uri: &str, run: &AsExecuted, options: &TwinOptions) -> Result<Saved, WriteError> {
+    let main = run.plan.or_else(|| plan.plan().map(|project| project.main_workplan));
+    let main = main.ok_or_else(|| WriteError::NoPlan(plan.name().to_string()))?;
+    let mut anchored = BTreeMap::new();
+    let mut references = String::new();
+    for anchor in plan.file().anchors() {
+        let Some(entity) = anchor.value.reference() else { continue };
+        let id = anchored.len() as u64 + 1;
+        if let std::collections::btree_map::Entry::Vacant(place) = anchored.entry(entity) {
+            place.insert(id);
+            references.push_str(&format!("#{id}=<{uri}#{}>;\n", anchor.name));
+        }
+    }
+    if !anchored.contains_key(&main) {
+        return Err(WriteError::NoAnchor {
+            entity: main,
+            file: plan.name().to_string(),
+        });
+    }
+    let without = run
+        .workingsteps
+        .iter()
+        .filter_map(|step| step.plan)
+        .filter(|id| !anchored.contains_key(id))
+        .count();
+    let mut notices = Vec::new();
+    if without > 0 {
+        notices.push(format!(
+            "{without} workingsteps of the plan have no anchor: their runs do not point at them"
+        ));
+    }
+    let bytes = write_file(run, options, anchored, &references)?;
+    Ok(Saved { bytes, notices })
+}
+
+fn write_file(
+    run: &AsExecuted,
+    options: &TwinOptions,
+    anchored: BTreeMap<u64, u64>,
+    references: &str,
+) -> Result<Vec<u8>, WriteError> {
     let mut sink = NewFile {
         text: String::new(),
-        next_id: 10,
+        next_id: 10.max(anchored.len() as u64 + 1),
     };
     let shared = Shared::new_file(&mut sink, &run.name)?;
+    let beside = !anchored.is_empty();
     let mut writer = Writer {
         sink: &mut sink,
         program: None,
@@ -163,15 +224,24 @@ pub fn write_new(run: &AsExecuted, options: &TwinOptions) -> Result<Vec<u8>, Wri
         utc: None,
         units: BTreeMap::new(),
         new_file: true,
+        anchored,
         left_out: 0,
         options,
     };
     let twin = writer.run(run, None)?;
     writer.project(&run.name, twin)?;
+    let (description, level, section) = match beside {
+        true => (
+            "as-executed run of a plan in another file",
+            "4;1",
+            format!("REFERENCE;\n{references}ENDSEC;\n"),
+        ),
+        false => ("as-executed run without a plan", "2;1", String::new()),
+    };
     let header = format!(
-        "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION(({}),'2;1');\nFILE_NAME({},{},(''),(''),{},'','');\n\
-         FILE_SCHEMA(('MODEL_BASED_INTEGRATED_MANUFACTURING_SCHEMA'));\nENDSEC;\nDATA;\n",
-        encode("as-executed run without a plan"),
+        "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION(({}),'{level}');\nFILE_NAME({},{},(''),(''),{},'','');\n\
+         FILE_SCHEMA(('MODEL_BASED_INTEGRATED_MANUFACTURING_SCHEMA'));\nENDSEC;\n{section}DATA;\n",
+        encode(description),
         encode(&run.name),
         encode(&Civil::of(options.written).rfc_3339()),
         encode(&options.writer),
@@ -435,6 +505,8 @@ struct Writer<'w> {
     /// Units of results that are neither lengths nor times.
     units: BTreeMap<String, u64>,
     new_file: bool,
+    /// What other files' parts are called in this one, by their identifiers there.
+    anchored: BTreeMap<u64, u64>,
     /// Toolpaths without points.
     left_out: u64,
     options: &'w TwinOptions,
@@ -486,8 +558,10 @@ impl Writer<'_> {
             end: run.end,
             worktime: run.worktime,
         };
+        // In a file of its own the run says by its number in the other file what it is a run of.
+        let whole_plan = main.map(|main| main.id).or(run.plan.filter(|_| !self.anchored.is_empty()));
         let mut open = vec![OpenPlan {
-            key: (name, main.map(|main| main.id)),
+            key: (name, whole_plan),
             id,
             children: 0,
             facts: whole,
@@ -513,7 +587,7 @@ impl Writer<'_> {
         while open.len() > 1 {
             self.close(&mut open, &source)?;
         }
-        self.facts(id, whole, main.map(|main| main.id), &source, run.exception.as_deref())?;
+        self.facts(id, whole, whole_plan, &source, run.exception.as_deref())?;
         if let Some(machine) = machine {
             self.add(format!("MACHINING_USAGE_RELATIONSHIP('','',#{id},#{machine})"))?;
         }
@@ -617,7 +691,7 @@ impl Writer<'_> {
             end: step.end,
             worktime: step.worktime,
         };
-        self.facts(id, span, plan.map(|plan| plan.id), source, step.exception.as_deref())?;
+        self.facts(id, span, step.plan, source, step.exception.as_deref())?;
         if let Some(deviation) = &step.deviation {
             self.deviation(id, deviation, step.end)?;
         }
@@ -705,8 +779,8 @@ impl Writer<'_> {
         }
         self.date(id, "twin start", path.start)?;
         self.date(id, "twin end", path.end)?;
-        if let Some(plan) = &plan {
-            self.add(format!("MACHINING_TWIN_RELATIONSHIP('','',#{id},#{})", plan.id))?;
+        if let Some(plan) = self.link(path.plan) {
+            self.add(format!("MACHINING_TWIN_RELATIONSHIP('','',#{id},#{plan})"))?;
         }
         if path.kind == PathKind::Feed && path.speed.0 > 0.0 && path.speed.is_finite() {
             if self.new_file {
@@ -768,13 +842,19 @@ impl Writer<'_> {
         Ok(())
     }
 
+    /// What a planned part is called in the file that is written.
+    fn link(&self, plan: Option<u64>) -> Option<u64> {
+        if self.new_file {
+            return self.anchored.get(&plan?).copied();
+        }
+        plan
+    }
+
     /// What makes an executable a twin.
     fn facts(&mut self, id: u64, span: Span, plan: Option<u64>, source: &str, exception: Option<&str>) -> Result<(), WriteError> {
         self.date(id, "twin start", span.start)?;
         self.date(id, "twin end", span.end)?;
-        if let Some(plan) = plan
-            && !self.new_file
-        {
+        if let Some(plan) = self.link(plan) {
             self.add(format!("MACHINING_TWIN_RELATIONSHIP('','',#{id},#{plan})"))?;
         }
         self.describe(id, "twin source", source)?;

@@ -214,12 +214,7 @@ fn any_program(dice: &mut Dice) -> String {
             12 => format!("G0 X{}", number(80, dice)),
             13 => {
                 let (i, j) = (number(20, dice), 1.5 * scale);
-                format!(
-                    "G{} I{i} J{j} Z{} F{}",
-                    2 + dice.throw(2),
-                    number(10, dice),
-                    50 + dice.throw(500)
-                )
+                format!("G{} I{i} J{j} F{}", 2 + dice.throw(2), 50 + dice.throw(500))
             }
             14 => {
                 let radius = (1 + dice.throw(20)) as f64 * scale;

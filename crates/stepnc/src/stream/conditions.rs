@@ -67,9 +67,9 @@ pub(super) fn path_mode(toolpath: &Toolpath, functions: Option<&MachineFunctions
     }
 }
 
-/// True when no tool offset is asked for.
+/// True when an operation says itself which tool offset it runs with: it was made from a program that calls no tool.
 pub(super) fn runs_without_tool(functions: Option<&MachineFunctions>) -> bool {
-    functions.is_some_and(|functions| functions.others.get(TOOL_OFFSET).is_some_and(|mode| mode == "off"))
+    functions.is_some_and(|functions| functions.others.contains_key(TOOL_OFFSET))
 }
 
 /// The conditions that are somebody else's.
