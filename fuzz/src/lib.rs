@@ -11,6 +11,7 @@ pub type Target = (&'static str, fn(&[u8]));
 
 /// The readers.
 pub const TARGETS: &[Target] = &[
+    ("apt", targets::apt::run),
     ("gcode", targets::gcode::run),
     ("mtconnect_client", targets::mtconnect_client::run),
     ("mtconnect_document", targets::mtconnect_document::run),

@@ -67,6 +67,14 @@ impl AptProgram {
     /// Does one statement; true when the machine is asked for the switch of optional stops.
     pub(super) fn act(&mut self, statement: &Statement) -> Result<bool, Fault> {
         let numbers = statement.numbers();
+        // A kilometre is more than any machine; what is far beyond is no place, and its arithmetic no number.
+        if let Some(far) = numbers.iter().find(|number| number.abs() > 1e9) {
+            return fault(
+                "number-range",
+                format!("{far:e} is no number of a machine"),
+                "correct the line",
+            );
+        }
         match statement.major.as_str() {
             "UNITS" => {
                 let inches = statement.words.iter().any(|word| word.to_ascii_uppercase().starts_with("IN"));

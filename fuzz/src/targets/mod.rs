@@ -1,5 +1,6 @@
 //! One file for each reader.
 
+pub mod apt;
 pub mod gcode;
 pub mod mtconnect_client;
 pub mod mtconnect_document;
