@@ -21,6 +21,8 @@ pub(crate) enum Op {
     /// `[#NAME]`, by its place in [`Code::names`].
     Named(u16),
     Negate,
+    /// The sign in front of a word's value: `X-#1` with #1 vacant is no word at all.
+    NegateWord,
     /// On two operands of the stack.
     Two(Binary),
     /// The right operand is a number.
@@ -179,6 +181,8 @@ pub(crate) struct Parser<'a> {
     pub at: usize,
     brackets: u8,
     stack: usize,
+    /// The operand read next is the whole value of a word.
+    whole_word: bool,
     pub rules: &'a MacroRules,
     pub code: &'a mut Code,
 }
@@ -190,6 +194,7 @@ impl<'a> Parser<'a> {
             at,
             brackets: 0,
             stack: 0,
+            whole_word: false,
             rules,
             code,
         }
@@ -221,6 +226,7 @@ impl<'a> Parser<'a> {
     /// What a word carries: a signed variable `#1`, `-#1`, or `[expression]`.
     pub(crate) fn word_value(&mut self) -> Outcome<Expression> {
         let start = self.at;
+        self.whole_word = true;
         match self.part(Self::operand)? {
             (expression, Kind::Plain) => Ok(expression),
             (_, Kind::Truth) => Err(truth_as_number(start)),
@@ -327,6 +333,7 @@ impl<'a> Parser<'a> {
     /// Rank 1: a signed number, variable, bracket or function.
     fn operand(&mut self) -> Outcome<Kind> {
         let start = self.at_next();
+        let whole_word = std::mem::take(&mut self.whole_word);
         let mut negative = false;
         let mut signed = false;
         while let Some(sign @ (b'+' | b'-')) = self.peek() {
@@ -374,8 +381,7 @@ impl<'a> Parser<'a> {
             return Err(truth_as_number(start));
         }
         if negative {
-            // A vacant word stays a dropped word behind a sign: `X-#1` with #1 vacant moves nothing.
-            self.code.push(Op::Negate, at);
+            self.code.push(if whole_word { Op::NegateWord } else { Op::Negate }, at);
         }
         Ok(kind)
     }

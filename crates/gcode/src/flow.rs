@@ -4,7 +4,8 @@ use crate::acting::Act;
 use crate::calls::ProgramCall;
 use crate::fault::{Fault, Outcome, Site};
 use crate::interpreter::Flow;
-use crate::listing::{File, LoopEnd, Place, program_number};
+use crate::interruption::Codes;
+use crate::listing::{File, LoopEnd, Place, is_named, program_number};
 use crate::macro_b::Locals;
 use crate::program::{GcodeProgram, leader};
 use crate::text::Lines;
@@ -31,6 +32,8 @@ pub(crate) struct Frame {
     modal: Option<usize>,
     /// Whether codes that call programs were plain in the caller.
     in_code_call: bool,
+    /// Modal codes as they were before an interruption.
+    interrupted: Option<Codes>,
     /// Loops that belong to callers.
     loops: usize,
 }
@@ -86,15 +89,19 @@ impl GcodeProgram {
                     }
                     Act::Flow(Flow::Contour(request)) => self.read_contour(*request),
                     Act::Flow(Flow::Call { program, times, at }) => self.call(ProgramCall {
-                        program,
                         times,
-                        at,
-                        locals: None,
-                        by_code: false,
-                        modal: None,
+                        ..ProgramCall::subprogram(program, at)
                     }),
+                    Act::Flow(Flow::LocalCall { block, times, at }) => self.call_blocks(block, times, at),
                     Act::Flow(Flow::Return { to, at }) => self.come_back(to, at, site),
                     Act::Call(call) => self.call(*call),
+                    Act::Goto { at, .. } | Act::Do { at, .. } | Act::EndDo { at, .. } if self.comes_by_line() => Err(Fault::new(
+                        at,
+                        123,
+                        "macro-by-line",
+                        "a branch or a loop in a program that is read from a line (DNC): it cannot go back",
+                        "put it into a subprogram in the control's memory, and call that",
+                    )),
                     Act::Goto { number, at } => self.jump(number, at),
                     Act::Do { enters, label, at } => self.begin_loop(enters, label, at),
                     Act::EndDo { label, at } => self.end_loop(label, at),
@@ -240,6 +247,7 @@ impl GcodeProgram {
     fn program_shown(&self) -> String {
         match self.interpreter.program_number {
             0 => "this program".to_owned(),
+            n if is_named(n) => "this program".to_owned(),
             n => format!("O{n:04}"),
         }
     }
@@ -340,28 +348,63 @@ impl GcodeProgram {
 
     // ---- calls
 
+    /// True in a main program that the control does not hold in its memory.
+    fn comes_by_line(&self) -> bool {
+        self.interpreter.options.by_line && self.frames.is_empty()
+    }
+
+    /// True when one more call of this kind would be too deep.
+    fn check_depth(&self, is_macro: bool, at: usize) -> Outcome<()> {
+        let macros = self.frames.iter().filter(|f| f.saved.is_some()).count();
+        let rules = &self.interpreter.macros;
+        let (depth, deepest, what) = match is_macro {
+            true => (macros, rules.deepest_macro, "macros"),
+            false => (self.frames.len() - macros, rules.deepest_subprogram, "subprograms"),
+        };
+        if depth < usize::from(deepest) {
+            return Ok(());
+        }
+        Err(Fault::new(
+            at,
+            77,
+            "call-depth",
+            format!("{what} are nested more than {deepest} deep"),
+            "call it from a shallower level",
+        ))
+    }
+
+    /// M97 of Haas: blocks of this program as a subprogram.
+    fn call_blocks(&mut self, number: u32, times: u32, at: usize) -> Outcome<()> {
+        self.check_depth(false, at)?;
+        let Some(place) = self.find_block(number, self.here.after) else {
+            return Err(Fault::new(
+                at,
+                78,
+                "no-such-block",
+                format!("M97 P{number}: there is no block N{number} in {}", self.program_shown()),
+                "write it at the head of the first block of the local subprogram",
+            ));
+        };
+        if times == 0 {
+            self.go_on();
+            return Ok(());
+        }
+        let program = self.interpreter.program_number;
+        let call = ProgramCall {
+            times,
+            ..ProgramCall::subprogram(program, at)
+        };
+        self.enter(call, self.current, place, self.body);
+        Ok(())
+    }
+
     /// Goes to a program: of this file, of the main file, or one that the resolver finds.
     fn call(&mut self, call: ProgramCall) -> Outcome<()> {
         if call.times == 0 {
             self.go_on();
             return Ok(());
         }
-        let macros = self.frames.iter().filter(|f| f.saved.is_some()).count();
-        let rules = &self.interpreter.macros;
-        let (depth, deepest, what) = match call.locals {
-            Some(_) => (macros, rules.deepest_macro, "macros"),
-            None => (self.frames.len() - macros, rules.deepest_subprogram, "subprograms"),
-        };
-        if depth >= usize::from(deepest) {
-            let message = format!("{what} are nested more than {deepest} deep");
-            return Err(Fault::new(
-                call.at,
-                77,
-                "call-depth",
-                message,
-                "call it from a shallower level",
-            ));
-        }
+        self.check_depth(call.locals.is_some(), call.at)?;
         let mut found = None;
         for file in [self.current, 0] {
             if let Some(body) = self.program_in(file, call.program) {
@@ -373,36 +416,45 @@ impl GcodeProgram {
             Some(found) => found,
             None => self.open_program(call.program, call.at)?,
         };
+        self.enter(call, file, body, body);
+        Ok(())
+    }
+
+    /// Enters a program of a file at its first block to be executed. Jumps stay in the program that begins at `body`.
+    fn enter(&mut self, call: ProgramCall, file: usize, first: Place, body: Place) {
         let saved = call
             .locals
             .as_ref()
             .map(|locals| Box::new(self.interpreter.memory.enter(locals)));
         self.frames.push(Frame {
             return_file: self.current,
-            return_to: self.here.after,
+            return_to: match call.interrupts {
+                true => self.here.place,
+                false => self.here.after,
+            },
             caller_body: self.body,
             caller: self.interpreter.program_number,
             keep_until: self.keep_until,
-            body,
+            body: first,
             times_left: call.times,
             saved,
             arguments: call.locals,
             modal: call.modal,
             in_code_call: self.interpreter.in_code_call,
+            interrupted: call.interrupts.then(|| self.interpreter.modal_codes()),
             loops: self.loops.len(),
         });
         self.interpreter.in_code_call |= call.by_code;
         self.interpreter.modal_running += usize::from(call.modal.is_some());
         // A program called a second time is gone through again.
-        self.keep_until = match self.called.insert((file, body.offset)) {
+        self.keep_until = match self.called.insert((file, first.offset)) {
             true => 0,
             false => u64::MAX,
         };
         self.current = file;
         self.body = body;
         self.at_start = true;
-        self.go_to(body);
-        Ok(())
+        self.go_to(first);
     }
 
     /// M99, M99 P.
@@ -436,6 +488,9 @@ impl GcodeProgram {
             self.interpreter.memory.enter(saved);
         }
         self.interpreter.modal_running -= usize::from(frame.modal.is_some());
+        if let Some(codes) = frame.interrupted.take() {
+            self.interpreter.interruption_is_over(to.is_none().then_some(codes));
+        }
         self.interpreter.in_code_call = frame.in_code_call;
         self.interpreter.program_number = frame.caller;
         self.current = frame.return_file;
@@ -531,7 +586,10 @@ impl GcodeProgram {
     }
 
     fn open_program(&mut self, number: u32, at: usize) -> Outcome<(usize, Place)> {
-        let name = format!("O{number:04}");
+        let name = match self.interpreter.program_names.get(&number) {
+            Some(name) => name.clone(),
+            None => format!("O{number:04}"),
+        };
         if let Some(known) = self.files.iter().position(|f| f.name == name) {
             return Ok((known, self.body_of(known, number)));
         }

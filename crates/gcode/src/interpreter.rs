@@ -13,6 +13,8 @@ use crate::cycles::roughing::ContourRequest;
 use crate::cycles::turning::Single;
 use crate::cycles::{Expansion, TurningCycles};
 use crate::fault::{Fault, Outcome, Site};
+use crate::interruption::Interruption;
+use crate::listing::{is_named, named_program};
 use crate::macro_b::{MacroRules, Memory};
 use crate::offsets::{WorkFrame, WorkKey};
 use crate::parameters::Settings;
@@ -49,6 +51,12 @@ pub(crate) enum Flow {
     /// M99, M99 P.
     Return {
         to: Option<u32>,
+        at: usize,
+    },
+    /// M97 of Haas: the blocks from this sequence number on, as a subprogram.
+    LocalCall {
+        block: u32,
+        times: u32,
         at: usize,
     },
 }
@@ -124,6 +132,8 @@ pub(crate) struct Interpreter {
     workingstep_open: bool,
     pub program_name: String,
     pub program_number: u32,
+    /// Names of called programs that have one, by the number that stands for it.
+    pub program_names: BTreeMap<u32, String>,
     pub last_m: u16,
     pub last_n: u32,
     /// S as programmed last.
@@ -147,6 +157,7 @@ pub(crate) struct Interpreter {
     /// Modal calls in force, outer first, and how many of them are running.
     pub modal: Vec<ModalCall>,
     pub modal_running: usize,
+    pub interruption: Interruption,
     /// In a program that a code called: such codes are plain there.
     pub in_code_call: bool,
     /// The block has moved an axis.
@@ -247,6 +258,7 @@ impl Interpreter {
             workingstep_open: false,
             program_name: file.to_owned(),
             program_number: 0,
+            program_names: BTreeMap::new(),
             last_m: 0,
             last_n: 0,
             last_s: None,
@@ -261,6 +273,7 @@ impl Interpreter {
             printer_open: false,
             modal: Vec::new(),
             modal_running: 0,
+            interruption: Interruption::default(),
             in_code_call: false,
             moved: false,
             moved_since_stop: false,
@@ -462,6 +475,14 @@ impl Interpreter {
             ));
         }
         Ok(value as u32)
+    }
+
+    /// The program that a P word names.
+    pub(crate) fn program_of(word: Word) -> Outcome<u32> {
+        match named_program(word.value) {
+            Some(number) => Ok(number),
+            None => Self::whole(word, 'P', 99_999_999),
+        }
     }
 
     // ---- the block
@@ -810,12 +831,16 @@ impl Interpreter {
         let codes = self.profile.m;
         match codes.binary_search_by_key(&m.code, |(c, _)| *c) {
             Ok(i) => Ok(codes[i].1),
+            Err(_) if m.code == 97 && self.macros.local_subprograms => Ok(M::LocalCall),
             Err(_) if matches!(m.code, 96 | 97) && self.macros.fanuc_ranges => Err(Fault::new(
                 m.at,
                 113,
                 "not-available",
-                format!("M{}: interruption macros are not available", m.code),
-                "call the macro where it is needed, by G65",
+                format!(
+                    "M{}: interruption macros are not available, parameter 6003.7 (MUS) is 0",
+                    m.code
+                ),
+                "set 6003.7, or call the macro where it is needed, by G65",
             )),
             Err(_) => Err(Fault::new(
                 m.at,
@@ -845,7 +870,7 @@ impl Interpreter {
                     )
                 });
             }
-            M::Call | M::Return => block.use_all_but(b"XYZUWIJKFSTHD"),
+            M::Call | M::Return | M::LocalCall => block.use_all_but(b"XYZUWIJKFSTHD"),
             _ => {}
         }
         Ok(())
@@ -866,6 +891,17 @@ impl Interpreter {
                     flow = Flow::End;
                 }
                 M::Call => flow = self.call(m.at, block)?,
+                M::LocalCall => {
+                    let Some(p) = block.take(b'P') else {
+                        return Err(missing_word(m.at, "M97", "P, the sequence number to go on from,"));
+                    };
+                    let times = block.take(b'L').map(|l| Self::whole(l, 'L', 9999)).transpose()?;
+                    flow = Flow::LocalCall {
+                        block: Self::whole(p, 'P', 99_999)?,
+                        times: times.unwrap_or(1),
+                        at: m.at,
+                    };
+                }
                 M::Return => {
                     let to = block.take(b'P').map(|p| Self::whole(p, 'P', 99_999)).transpose()?;
                     flow = Flow::Return { to, at: m.at };
@@ -887,11 +923,11 @@ impl Interpreter {
                 "write the number of the subprogram: M98 P1234",
             ));
         };
-        let number = Self::whole(p, 'P', 99_999_999)?;
+        let number = Self::program_of(p)?;
         let repeats = block.take(b'L').map(|l| Self::whole(l, 'L', 9999)).transpose()?;
         let (program, times) = match repeats {
             Some(times) => (number, times),
-            None if number > 9999 => (number % 10_000, number / 10_000),
+            None if number > 9999 && !is_named(number) => (number % 10_000, number / 10_000),
             None => (number, 1),
         };
         Ok(Flow::Call { program, times, at })

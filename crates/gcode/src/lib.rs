@@ -5,7 +5,7 @@
 //! and says why. [`inspect`](inspect::inspect) makes the tree of any program stream.
 //!
 //! What it deliberately does not do yet, and alarms about with line and column: scaling, rotation, mirror image and polar coordinates,
-//! threads with a variable lead, angles of a contour, and interruption macros (M96).
+//! threads with a variable lead, and angles of a contour.
 //!
 //! Read on: [`program`] for the stream, `interpreter` for the meaning of a block, `cycles` for blocks that stand for many moves,
 //! `compensation` for the path beside the contour, [`macro_b`] for the values of macros, `flow` for jumps, loops and calls,
@@ -26,6 +26,7 @@ mod flow;
 pub mod inspect;
 pub mod interpretation;
 mod interpreter;
+mod interruption;
 mod line;
 mod listing;
 pub mod macro_b;

@@ -407,21 +407,33 @@ impl Interpreter {
 
     /// G30.
     pub(crate) fn second_reference(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        if let Some(p) = block.take(b'P')
-            && Self::whole(p, 'P', 4)? != 2
-        {
-            return Err(Fault::not_there_yet(p.at, "a third or fourth reference position"));
-        }
-        let place = match self.options.second_reference {
+        const ORDER: [&str; 3] = ["second", "third", "fourth"];
+        let which = match block.take(b'P') {
+            None => 2,
+            Some(p) => match Self::whole(p, 'P', 4)? {
+                which @ 2..=4 => which,
+                other => {
+                    return Err(Fault::new(
+                        p.at,
+                        46,
+                        "word-range",
+                        format!("G30 P{other}: reference positions are P2, P3 and P4"),
+                        "write P2, P3 or P4, or no P for the second",
+                    ));
+                }
+            },
+        };
+        let index = which as usize - 2;
+        let by_axis: [Option<f64>; 3] = std::array::from_fn(|axis| {
+            let said = self.settings.all.of_axis(1239 + which, axis);
+            said.map(|mm| mm * self.profile.factor(axis))
+        });
+        let place = match self.options.references[index] {
             Some(place) => place.xyz,
+            None if by_axis.iter().any(Option::is_some) => by_axis.map(Option::unwrap_or_default),
             None => {
-                self.missing(
-                    "missing-reference",
-                    site,
-                    at,
-                    "the second reference position",
-                    "the machine's zero",
-                )?;
+                let what = format!("the {} reference position (parameter {})", ORDER[index], 1239 + which);
+                self.missing("missing-reference", site, at, &what, "the machine's zero")?;
                 [0.0; 3]
             }
         };

@@ -486,6 +486,13 @@ impl Interpreter {
         }
         let value = self.length(b'R', r, site);
         let adds = self.incremental;
+        let limits = match l {
+            10 | 12 => [self.largest_offset(); 2],
+            _ => [self.largest_wear(), self.largest_wear_step()],
+        };
+        if adds {
+            self.check_offset(value / self.unit(), limits[1], r.at)?;
+        }
         let entry = self.tables.tools.entry(ToolNumber(number)).or_default();
         let was = entry.clone();
         let place = match l {
@@ -495,6 +502,11 @@ impl Interpreter {
             _ => &mut entry.radius_wear.0,
         };
         *place = if adds { *place + value } else { value };
+        let now = *place;
+        if let Err(fault) = self.check_offset(now / self.unit(), limits[0], r.at) {
+            self.tables.tools.insert(ToolNumber(number), was);
+            return Err(fault);
+        }
         self.tell_tool(number, &was);
         self.follow_tool_offset(number)
     }
@@ -509,7 +521,11 @@ impl Interpreter {
         let mut values = [None; 2];
         for word in self.profile.axes {
             if let Some(w) = block.take(word.letter) {
-                let value = self.length(word.letter, w, site) * word.factor;
+                let factor = match number {
+                    0 => word.factor,
+                    _ => self.offset_factor(word.axis),
+                };
+                let value = self.length(word.letter, w, site) * factor;
                 values[usize::from(word.axis == 2)] = Some((value, word.incremental == Some(true)));
             }
         }
@@ -541,6 +557,10 @@ impl Interpreter {
             return Ok(());
         }
         let (offset, geometry) = (number % 10_000, number >= 10_000);
+        let limits = match geometry {
+            true => [self.largest_offset(); 2],
+            false => [self.largest_wear(), self.largest_wear_step()],
+        };
         if offset == 0 {
             return Err(Fault::new(
                 p.at,
@@ -549,6 +569,26 @@ impl Interpreter {
                 "there is no tool offset 0",
                 "write P10001 or more",
             ));
+        }
+        // Each entry as it will be, before any of them is made.
+        let (unit, along) = (self.unit(), |axis: usize| self.offset_factor(axis));
+        let old = self.tables.tools.get(&ToolNumber(offset)).cloned().unwrap_or_default();
+        let (old_xyz, old_nose) = match geometry {
+            true => (old.geometry.0.xyz, old.radius.0),
+            false => (old.wear.0.xyz, old.radius_wear.0),
+        };
+        let entries = [
+            (values[0], old_xyz[0], along(0)),
+            (values[1], old_xyz[2], along(2)),
+            (radius, old_nose, 1.0),
+        ];
+        for (value, old, factor) in entries {
+            let Some((value, adds)) = value else { continue };
+            let shown = |mm: f64| mm / factor / unit;
+            if adds {
+                self.check_offset(shown(value), limits[1], p.at)?;
+            }
+            self.check_offset(shown(if adds { old + value } else { value }), limits[0], p.at)?;
         }
         let entry = self.tables.tools.entry(ToolNumber(offset)).or_default();
         let was = entry.clone();

@@ -23,6 +23,10 @@ pub struct Profile {
     pub m: &'static [(u16, M)],
     /// The laws of its variables and expressions.
     pub macros: MacroRules,
+    /// Largest size of an offset entry, millimetres and inches; alarm 032 beyond.
+    pub largest_offset: [f64; 2],
+    /// Parameters 5013 and 5014, the limits of wear entries, count least increments; else they are lengths (30i).
+    pub limits_in_increments: bool,
     /// Least input increment, millimetres and inches. Words whose value comes from a variable are rounded to it.
     pub increment: [f64; 2],
     /// False when words are taken as computed (LinuxCNC).
@@ -431,6 +435,8 @@ pub enum M {
     Call,
     /// M99: back to the caller.
     Return,
+    /// M97 of Haas: run the blocks of this program from a sequence number on, until M99.
+    LocalCall,
     /// Known, and without effect on what is modelled here: the reason.
     Harmless(&'static str),
 }
@@ -464,6 +470,8 @@ const FANUC_MACROS: MacroRules = MacroRules {
     deepest_subprogram: 4,
     longest_name: 8,
     printed_field_grows: false,
+    named_programs: false,
+    local_subprograms: false,
 };
 
 /// 30i, 31i, 32i and 0i-F.
@@ -472,11 +480,13 @@ const FANUC_30I_MACROS: MacroRules = MacroRules {
     deepest_macro: 5,
     deepest_subprogram: 10,
     longest_name: 31,
+    named_programs: true,
     ..FANUC_MACROS
 };
 
 const HAAS_MACROS: MacroRules = MacroRules {
     printed_field_grows: true,
+    local_subprograms: true,
     deepest_macro: 9,
     deepest_subprogram: 9,
     ..FANUC_MACROS
@@ -582,6 +592,8 @@ pub const FANUC_MILL: Profile = Profile {
         (99, M::Return),
     ],
     macros: FANUC_MACROS,
+    largest_offset: [999.999, 99.9999],
+    limits_in_increments: true,
     increment: [0.001, 0.0001],
     rounds_words: true,
     dwell_unit: 0.001,
@@ -697,6 +709,8 @@ pub const FANUC_LATHE: Profile = Profile {
         (99, M::Return),
     ],
     macros: FANUC_MACROS,
+    largest_offset: [999.999, 99.9999],
+    limits_in_increments: true,
     increment: [0.001, 0.0001],
     rounds_words: true,
     dwell_unit: 0.001,
@@ -725,6 +739,8 @@ pub const FANUC_30I_MILL: Profile = Profile {
     name: "fanuc-30i-mill",
     about: "Fanuc 30i/31i/32i/0i-F on a milling machine, Custom Macro B",
     macros: FANUC_30I_MACROS,
+    largest_offset: [9999.999, 999.9999],
+    limits_in_increments: false,
     ..FANUC_MILL
 };
 
@@ -733,6 +749,8 @@ pub const FANUC_30I_LATHE: Profile = Profile {
     name: "fanuc-30i-lathe",
     about: "Fanuc 30i/31i/32i/0i-F on a lathe, G-code system A, Custom Macro B",
     macros: FANUC_30I_MACROS,
+    largest_offset: [9999.999, 999.9999],
+    limits_in_increments: false,
     ..FANUC_LATHE
 };
 
@@ -752,6 +770,7 @@ pub const HAAS_MILL: Profile = Profile {
     name: "haas-mill",
     about: "Haas on a milling machine: offset variables as on a series 15, printed fields that grow",
     macros: HAAS_MACROS,
+    largest_offset: [9999.999, 999.9999],
     offset_variables: MILL_OFFSETS_15,
     ..FANUC_MILL
 };
@@ -861,7 +880,11 @@ pub const RS274: Profile = Profile {
         deepest_subprogram: 10,
         longest_name: 31,
         printed_field_grows: false,
+        named_programs: false,
+        local_subprograms: false,
     },
+    largest_offset: [9999.999, 999.9999],
+    limits_in_increments: false,
     increment: [0.001, 0.0001],
     rounds_words: false,
     dwell_unit: 1.0,
