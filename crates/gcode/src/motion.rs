@@ -128,6 +128,11 @@ impl Interpreter {
             .unwrap_or(0)
     }
 
+    /// How many words of the block name an axis.
+    fn axis_words(&self, block: &Block) -> usize {
+        self.profile.axes.iter().filter(|w| block.look(w.letter).is_some()).count()
+    }
+
     /// A straight move of the tip; none when it is there already.
     pub(crate) fn line(&mut self, to: [f64; 3], speed: Speed) {
         let from = self.tip;
@@ -313,7 +318,8 @@ impl Interpreter {
 
     /// G53.
     pub(crate) fn machine_move(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        if self.incremental {
+        let alone = self.axis_words(block) == 0;
+        if self.incremental && !(alone && self.macros.fanuc_ranges) {
             return Err(Fault::new(
                 at,
                 0,

@@ -47,7 +47,7 @@ fn calls(program: &str, generated: &Generated, control: &Control) -> Result<Stri
     let mut called = vec![false; generated.dimensions.len()];
     for (number, line) in (1..).zip(program.split_inclusive('\n')) {
         let block = Block::of(line);
-        let offset = match block.tool() {
+        let called_as = match block.tool(control.mill) {
             ToolWord::None => {
                 out.push_str(line);
                 continue;
@@ -58,19 +58,26 @@ fn calls(program: &str, generated: &Generated, control: &Control) -> Result<Stri
                     "this T word is computed, so its offset is not known here: use the method t-word",
                 );
             }
-            ToolWord::Offset(offset) => offset,
+            ToolWord::Called(number) => number,
         };
-        if generated.dimensions.iter().any(|d| d.offset + control.secondary == offset) {
-            let what =
-                format!("offset {offset} is in use, and sizes are to be typed into it: set `secondary` in the control's profile");
+        let secondary = |k: usize| call::entry_offset(&generated.dimensions, k, control) == called_as;
+        if !control.mill && (0..generated.dimensions.len()).any(secondary) {
+            let what = format!(
+                "offset {called_as} is in use, and sizes are to be typed into it: set `secondary` in the control's profile"
+            );
             return refuse(number, &what);
         }
         let mut label = block.label;
-        for (k, dimension) in generated.dimensions.iter().enumerate().filter(|(_, d)| d.offset == offset) {
+        for (k, _) in generated
+            .dimensions
+            .iter()
+            .enumerate()
+            .filter(|(_, d)| control.called_by(d) == called_as)
+        {
             called[k] = true;
             out.push_str(block.skip);
             out.push_str(std::mem::take(&mut label));
-            out.push_str(&call::call(k + 1, dimension, generated.job, control));
+            out.push_str(&call::call(k + 1, &generated.dimensions, generated.job, control));
             out.push_str(line_end(line));
         }
         if label.is_empty() {
@@ -82,8 +89,10 @@ fn calls(program: &str, generated: &Generated, control: &Control) -> Result<Stri
     }
     match generated.dimensions.iter().zip(&called).find(|(_, called)| !**called) {
         Some((missing, _)) => Err(GenerateError::Program(format!(
-            "the program never calls offset {}, so dimension {:?} would not be sized",
-            missing.offset, missing.name
+            "the program never calls {} {}, so dimension {:?} would not be sized",
+            if control.mill { "tool" } else { "offset" },
+            control.called_by(missing),
+            missing.name
         ))),
         None => Ok(out),
     }
@@ -108,7 +117,8 @@ struct Block<'a> {
 enum ToolWord {
     None,
     Computed,
-    Offset(u32),
+    /// The offset on a lathe, the tool on a mill.
+    Called(u32),
 }
 
 impl<'a> Block<'a> {
@@ -146,8 +156,8 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// The offset of a T word that indexes the turret: its last two digits.
-    fn tool(&self) -> ToolWord {
+    /// What a T word says: on a lathe the last two digits, the offset; on a mill the tool.
+    fn tool(&self, mill: bool) -> ToolWord {
         let words: String = self.words.chars().filter(|c| !c.is_whitespace()).collect();
         // T is an argument of a macro call, or a letter of a macro statement or of DPRNT's text.
         let no_tool = [
@@ -161,7 +171,8 @@ impl<'a> Block<'a> {
         };
         let digits: String = words[at + 1..].chars().take_while(char::is_ascii_digit).collect();
         match digits.parse::<u64>() {
-            Ok(number) => ToolWord::Offset((number % 100) as u32),
+            Ok(number) if mill => ToolWord::Called(number.min(u64::from(u32::MAX)) as u32),
+            Ok(number) => ToolWord::Called((number % 100) as u32),
             Err(_) if words[at + 1..].starts_with(['#', '[']) => ToolWord::Computed,
             Err(_) => ToolWord::None,
         }
@@ -182,7 +193,7 @@ mod tests {
         insert(program, &generated, &control).map_err(|e| e.to_string())
     }
 
-    const CALL: &str = "G65 P8002 T5. D3.2342 S3.22 B3.245 A2000. F10000. Q50. J200. C1. R10000. H20.";
+    const CALL: &str = "G65 P8002 T5. D3.2342 S3.22 B3.245 A2000. E2025. F10000. Q50. J200. K1. M1. C1. R10000. H20.";
 
     #[test]
     fn a_call_comes_before_the_index_and_takes_the_sequence_number() {
