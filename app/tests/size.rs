@@ -325,3 +325,41 @@ fn with_sizing_every_part_of_a_hundred_is_good_and_without_it_the_tool_wears_out
     let page = std::fs::read_to_string(out.join("study.html")).expect("reads");
     assert!(page.contains("SIMULATED") && page.contains("<svg"));
 }
+
+#[test]
+fn check_and_plan_use_the_offsets_in_force_and_say_where_they_come_from() {
+    let shop = Shop::new(JOB);
+    let program = shop.path("seat.nc").display().to_string();
+    std::fs::write(
+        &program,
+        "O1\nG20G18G40G99\nG50S2000\nT0505\nG97S1000M3\nG0X3.5Z.1\nG1Z-.5F.01\nG0X4.\nM30\n",
+    )
+    .expect("written");
+    let planned = |second: u32| {
+        let out = shop.path("plan.csv").display().to_string();
+        shop.good(second, &["plan", &program, "--out", &out, "--machine", "sim-lathe"]);
+        let text = std::fs::read_to_string(out).expect("written");
+        let last = text.lines().last().expect("rows").to_owned();
+        let x = text
+            .lines()
+            .next()
+            .expect("a header")
+            .split(',')
+            .position(|c| c == "x_mm" || c == "x")
+            .expect("a column x");
+        last.split(',').nth(x).expect("a value").parse::<f64>().expect("a number")
+    };
+    let before = planned(1);
+    shop.enter(10, 0, "3.2351", &[]);
+    // -0.0009 in on the diameter.
+    assert!(
+        (planned(20) - before + 0.0009 * 25.4 / 2.0).abs() < 1e-6,
+        "{before} and {}",
+        planned(21)
+    );
+    let told = shop.json(30, 0, &["check", &program, "--machine", "sim-lathe"]);
+    assert!(
+        told["offsets"].as_str().is_some_and(|o| o.starts_with("offsets in force")),
+        "{told}"
+    );
+}

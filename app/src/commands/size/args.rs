@@ -103,7 +103,8 @@ pub enum MethodName {
 /// `toolmark size generate`
 #[derive(Debug, Args)]
 pub struct GenerateArgs {
-    /// The control: fanuc-lathe, fanuc-lathe-base, fanuc-30i-lathe, or a profile of your own (TOML).
+    /// The control: fanuc-lathe, fanuc-lathe-base, fanuc-30i-lathe, fanuc-mill, fanuc-mill-a (offset memories A and B),
+    /// fanuc-mill-series-15, fanuc-30i-mill, or a profile of your own (TOML).
     #[arg(long, value_name = "PROFILE")]
     pub control: String,
     /// Where the programs and their proof go.

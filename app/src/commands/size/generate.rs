@@ -91,7 +91,10 @@ pub(super) fn generate(args: &GenerateArgs, common: &Common) -> Done {
         for (k, dimension) in (1..).zip(&generated.dimensions) {
             let place = match method {
                 Method::TWord => format!("#{}", generated.layout.entry + k),
-                Method::G65 => format!("{} of offset {}", dimension.column, dimension.offset + control.secondary),
+                Method::G65 => {
+                    let offset = call::entry_offset(&generated.dimensions, k as usize - 1, &control);
+                    format!("{} of offset {offset}", dimension.column)
+                }
             };
             say(&format!("  {} is entered in {place}", dimension.name));
         }
@@ -117,10 +120,12 @@ fn control(wanted: &str) -> Result<Control, Failure> {
     }
     let text = std::fs::read_to_string(path).map_err(|e| Failure::unreadable(format_args!("{wanted}: {e}")))?;
     let control = Control::parse(&text, wanted).map_err(|e| Failure::unreadable_diagnostic(&e))?;
-    if gcode::profile::by_name(&control.dialect).is_none_or(|p| !p.turning) {
+    if gcode::profile::by_name(&control.dialect).is_none_or(|p| p.turning == control.mill) {
         return Err(Failure::unreadable(format_args!(
-            "{wanted}: dialect {:?} is no lathe's that is known here: fanuc-lathe",
-            control.dialect
+            "{wanted}: dialect {:?} is no {}'s that is known here: {}",
+            control.dialect,
+            if control.mill { "mill" } else { "lathe" },
+            if control.mill { "fanuc-mill" } else { "fanuc-lathe" }
         )));
     }
     Ok(control)
@@ -136,8 +141,9 @@ fn to_insert(generated: &Generated, control: &Control) -> String {
         Method::G65 => {
             let mut text = String::from("In the part program, each before the turret index of its offset:\n");
             for (k, dimension) in (1..).zip(&generated.dimensions) {
-                let line = call::call(k, dimension, generated.job, control);
-                text.push_str(&format!("before T..{:02}: {line}\n", dimension.offset));
+                let line = call::call(k, &generated.dimensions, generated.job, control);
+                let blanks = if control.mill { "" } else { ".." };
+                text.push_str(&format!("before T{blanks}{:02}: {line}\n", control.called_by(dimension)));
             }
             text
         }
@@ -155,7 +161,10 @@ fn same_run(given: &str, changed: &str, generated: &Generated, control: &Control
         interpret(
             &text,
             &Setup {
-                machine: MachineKind::Lathe,
+                machine: match control.mill {
+                    true => MachineKind::Mill,
+                    false => MachineKind::Lathe,
+                },
                 units: match generated.unit {
                     Unit::Mm => gcode::interpretation::Unit::Mm,
                     Unit::Inch => gcode::interpretation::Unit::Inch,
