@@ -44,8 +44,10 @@ pub(crate) struct Block {
     pub comment: Option<(usize, usize)>,
     /// Text behind `;` was left out, from this byte on.
     pub semicolon: Option<usize>,
-    /// `,C`, `,R` or `,A`: a corner's word, by its letter.
+    /// `,C` or `,R`: a corner's word, by its letter.
     pub corner: Option<(u8, Word)>,
+    /// `,A`: the angle of a straight move.
+    pub angle: Option<Word>,
     /// A letter that stands twice, and the byte of its second word.
     twice: Option<(u8, usize)>,
 }
@@ -72,6 +74,7 @@ impl Block {
             comment: None,
             semicolon: None,
             corner: None,
+            angle: None,
             twice: None,
         }
     }
@@ -150,6 +153,7 @@ impl Block {
     ) -> Outcome<()> {
         (self.present, self.used, self.g_count, self.m_count) = (0, 0, 0, 0);
         (self.comment, self.semicolon, self.twice, self.corner) = (line.comment, line.semicolon, None, None);
+        self.angle = None;
         for said in &line.words {
             let mut word = Word {
                 at: said.at as usize,
@@ -225,7 +229,11 @@ impl Block {
                 let code = if fits { word.value as u16 } else { u16::MAX };
                 push(&mut self.m, &mut self.m_count, Code { code, at })
             }
-            b'a'..=b'z' => {
+            b'a' => {
+                self.angle = Some(word);
+                Ok(())
+            }
+            b'b'..=b'z' => {
                 self.corner = Some((letter.to_ascii_uppercase(), word));
                 Ok(())
             }

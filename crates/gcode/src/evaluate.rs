@@ -294,7 +294,7 @@ fn apply(rules: &MacroRules, function: Function, a: f64, b: Option<f64>, at: usi
 }
 
 /// Sine of an angle in degrees, exact at multiples of 90: a program that moves by `COS[90]` must not move by 6e-17.
-fn sin_degrees(angle: f64) -> f64 {
+pub(crate) fn sin_degrees(angle: f64) -> f64 {
     let turn = if angle.abs() < 360.0 {
         angle
     } else {

@@ -20,6 +20,7 @@ use crate::offsets::{WorkFrame, WorkKey};
 use crate::parameters::Settings;
 use crate::profile::{FeedMode, G, M, Motion, Once, Plane, Profile, Side};
 use crate::program::{Options, Trace, WholeNumbers};
+use crate::shaping::Shaping;
 use crate::text::characters;
 use plan::{
     CoolantState, Diagnostic, Diagnostics, Feed, FileId, Level, Marker, Missing, Origin, PathMode, Place, Question, Severity,
@@ -105,6 +106,7 @@ pub(crate) struct Interpreter {
     pub cycle: Option<Cycle>,
     pub compensation: Compensation,
     pub corner: Corner,
+    pub shaping: Shaping,
     /// A cycle that is being told, pass by pass; no line is read before it is over.
     pub expansion: Option<Box<dyn Expansion>>,
     pub turning_cycles: TurningCycles,
@@ -238,6 +240,7 @@ impl Interpreter {
             cycle: None,
             compensation: Compensation::default(),
             corner: Corner::default(),
+            shaping: Shaping::default(),
             expansion: None,
             turning_cycles: TurningCycles::default(),
             skip_position: [0.0; 3],
@@ -336,6 +339,7 @@ impl Interpreter {
             self.cycle.is_some(),
             self.surface.is_some(),
             self.printer_open,
+            self.shaping.is_plain(),
         ];
         let switches = switches.iter().fold(0, |bits, on| bits * 2 + u32::from(*on));
         [
@@ -606,7 +610,10 @@ impl Interpreter {
                 }
                 G::DrillEnd => self.cycle = None,
                 G::ReturnToR(on) => self.return_to_r = on,
-                G::Work(number) => said.work = Some((WorkKey::Standard(number), at)),
+                G::Work(number) => {
+                    self.only_unshaped(code.code, at)?;
+                    said.work = Some((WorkKey::Standard(number), at));
+                }
                 G::MoreWork => {
                     let Some(p) = block.take(b'P') else {
                         return Err(missing_word(at, "G54.1", "P"));
@@ -615,8 +622,18 @@ impl Interpreter {
                 }
                 G::Path(mode) => said.path = Some((mode, at)),
                 G::SurfaceSpeed(on) => said.surface = Some(on),
+                G::Polar(on) => self.set_polar(on),
+                G::RotationOff => self.end_rotation(),
                 G::Once(Once::ExactStop) => said.exact_stop = true,
-                G::Once(once) => said.once = Some((once, at)),
+                G::Once(once) => {
+                    if matches!(
+                        once,
+                        Once::Home | Once::SecondReference | Once::SetPosition | Once::LocalShift
+                    ) {
+                        self.only_unshaped(code.code, at)?;
+                    }
+                    said.once = Some((once, at));
+                }
                 G::Harmless(why) => {
                     block.use_all_but(b"XYZUWIJKFSTHD");
                     self.note(Severity::Remark, "accepted", site, at, || {
@@ -1092,6 +1109,17 @@ impl Interpreter {
 
     fn once(&mut self, once: Once, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
         match once {
+            Once::Rotate => self.begin_rotation(at, block, site),
+            Once::Scale => self.begin_scale(at, block, site),
+            Once::ScaleOff => {
+                self.end_scale();
+                Ok(())
+            }
+            Once::Mirror => self.begin_mirror(at, block, site),
+            Once::MirrorOff => {
+                self.end_mirror(block);
+                Ok(())
+            }
             Once::Dwell => self.dwell(at, block, site),
             Once::SetOffset => self.set_offset(at, block, site),
             Once::Home => self.home(at, [0.0; 3], block, site),

@@ -445,6 +445,11 @@ impl Interpreter {
         let entry = entry.unwrap_or_default();
         let radius = entry.radius.0 + entry.radius_wear.0;
         let tip = if self.profile.turning { entry.tip_direction } else { 0 };
+        let radius = if self.shaping.turns_round(self.plane) {
+            -radius
+        } else {
+            radius
+        };
         self.compensation.ask(side, radius, tip, self.plane);
         let (0.0, Some((at, site))) = (radius, said) else {
             return Ok(());

@@ -332,6 +332,16 @@ pub enum Once {
     PeckColumns(usize),
     /// G76 of a lathe.
     ThreadCycle,
+    /// G68.
+    Rotate,
+    /// G51.
+    Scale,
+    /// G50 of a mill.
+    ScaleOff,
+    /// G51.1.
+    Mirror,
+    /// G50.1.
+    MirrorOff,
 }
 
 /// What a G code means.
@@ -371,7 +381,11 @@ pub enum G {
     Path(PathMode),
     /// G96 or not: group 2 of a lathe.
     SurfaceSpeed(bool),
-    /// Group 0.
+    /// Group 17 of a mill: places by radius and angle or not.
+    Polar(bool),
+    /// G69.
+    RotationOff,
+    /// Group 0, and codes that take all axis words of their block.
     Once(Once),
     /// Known, and without effect on what is modelled here: the reason.
     Harmless(&'static str),
@@ -384,6 +398,8 @@ impl G {
     pub(crate) fn group(self) -> Option<u8> {
         Some(match self {
             G::Once(Once::ExactStop) | G::Harmless(_) | G::NotYet(_) => return None,
+            // A cancel may stand beside anything.
+            G::Once(Once::ScaleOff | Once::MirrorOff) => 11,
             G::Once(_) => 0,
             G::Motion(_) | G::Single(_) => 1,
             G::Plane(_) => 2,
@@ -397,6 +413,8 @@ impl G {
             G::ReturnToR(_) => 10,
             G::Work(_) | G::MoreWork => 14,
             G::Path(_) => 15,
+            G::RotationOff => 16,
+            G::Polar(_) => 18,
             G::SurfaceSpeed(_) => 17,
         })
     }
@@ -510,8 +528,8 @@ pub const FANUC_MILL: Profile = Profile {
         (100, G::Once(Once::SetOffset)),
         (110, G::Harmless("end of data setting")),
         (131, G::Harmless("polar interpolation off")),
-        (150, G::Harmless("polar coordinates off")),
-        (160, G::NotYet("polar coordinates (G16)")),
+        (150, G::Polar(false)),
+        (160, G::Polar(true)),
         (170, G::Plane(Plane::Xy)),
         (180, G::Plane(Plane::Zx)),
         (190, G::Plane(Plane::Yz)),
@@ -527,10 +545,10 @@ pub const FANUC_MILL: Profile = Profile {
         (430, G::Length(1)),
         (440, G::Length(-1)),
         (490, G::Length(0)),
-        (500, G::Harmless("scaling off")),
-        (501, G::Harmless("mirror image off")),
-        (510, G::NotYet("scaling (G51)")),
-        (511, G::NotYet("mirror image (G51.1)")),
+        (500, G::Once(Once::ScaleOff)),
+        (501, G::Once(Once::MirrorOff)),
+        (510, G::Once(Once::Scale)),
+        (511, G::Once(Once::Mirror)),
         (520, G::Once(Once::LocalShift)),
         (530, G::Once(Once::MachineCoordinates)),
         (540, G::Work(1)),
@@ -545,8 +563,8 @@ pub const FANUC_MILL: Profile = Profile {
         (650, G::NotYet("the macro call (G65)")),
         (660, G::NotYet("the modal macro call (G66)")),
         (670, G::Harmless("modal macro call off")),
-        (680, G::NotYet("rotation (G68)")),
-        (690, G::Harmless("rotation off")),
+        (680, G::Once(Once::Rotate)),
+        (690, G::RotationOff),
         (730, G::Drill(Drilling::ChipBreak)),
         (740, G::Drill(Drilling::LeftTap)),
         (760, G::Drill(Drilling::FineBore)),

@@ -512,7 +512,7 @@ impl Interpreter {
             },
             4009 if mill => self.cycle.as_ref().map_or(80.0, |c| f64::from(c.code)),
             4010 if mill => either(self.return_to_r, 99.0, 98.0),
-            4011 if mill => 50.0,
+            4011 if mill => either(self.shaping.is_scaled(), 51.0, 50.0),
             4012 => either(self.modal.is_empty(), 67.0, 66.0),
             4013 if mill => either(self.surface.is_some(), 96.0, 97.0),
             4014 => match self.frame.key {
@@ -521,7 +521,9 @@ impl Interpreter {
             },
             4015 if mill => either(self.path_mode == plan::PathMode::ExactStop, 61.0, 64.0),
             4016 if !mill => f64::from(17 + self.plane as u8),
-            4016 => 69.0,
+            4016 => either(self.shaping.is_rotated(), 68.0, 69.0),
+            4017 if mill => either(self.shaping.is_polar(), 16.0, 15.0),
+            4022 if mill => either(self.shaping.is_mirrored(), 51.1, 50.1),
             4107 => f64::from(self.d),
             4108 | 4102 => 0.0,
             4109 => self.feed.map_or(0.0, |f| match self.feed_mode {
