@@ -311,7 +311,7 @@ fn with_sizing_every_part_of_a_hundred_is_good_and_without_it_the_tool_wears_out
     let shop = Shop::new(JOB);
     let out = shop.path("study");
     let folder = out.display().to_string();
-    let told = shop.json(1, 0, &["size", "study", "--out", &folder, "--seeds", "2"]);
+    let told = shop.json(1, 0, &["size", "study", "--out", &folder, "--seeds", "20"]);
     for course in told["courses"].as_array().expect("courses") {
         let bad = course["out_of_tolerance"].as_array().expect("parts");
         if course["sizing"] == true {

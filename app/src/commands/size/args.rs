@@ -131,7 +131,7 @@ pub struct StudyArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// How many seeds, from --seed on.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
     pub seeds: u32,
     /// How many parts.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
