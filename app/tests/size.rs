@@ -337,7 +337,19 @@ fn check_and_plan_use_the_offsets_in_force_and_say_where_they_come_from() {
     .expect("written");
     let planned = |second: u32| {
         let out = shop.path("plan.csv").display().to_string();
-        shop.good(second, &["plan", &program, "--out", &out, "--machine", "sim-lathe"]);
+        shop.good(
+            second,
+            &[
+                "plan",
+                &program,
+                "--out",
+                &out,
+                "--machine",
+                "sim-lathe",
+                "--frame",
+                "machine",
+            ],
+        );
         let text = std::fs::read_to_string(out).expect("written");
         let last = text.lines().last().expect("rows").to_owned();
         let x = text

@@ -31,7 +31,11 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
         named_machine(&common.machine)?.as_ref(),
     )?;
     let machine = machine_for(&common.machine, program.turns())?;
-    let shop::InForce { tables, variables, source } = shop::in_force(common, &machine)?;
+    let shop::InForce {
+        tables,
+        variables,
+        source,
+    } = shop::in_force(common, &machine)?;
     program.variables = variables;
     let limits = match &args.limits {
         None => shop::limits(&machine),
