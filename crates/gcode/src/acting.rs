@@ -249,7 +249,15 @@ impl Interpreter {
                 Piece::Number { value, whole, decimals } => {
                     let value = plain(self.evaluated(line, *value, stack)?);
                     text.push_str(&match binary {
-                        true => printing::binary(value, *decimals),
+                        true => printing::binary(value, *decimals).ok_or_else(|| {
+                            Fault::new(
+                                at,
+                                110,
+                                "print-overflow",
+                                format!("{value} with {decimals} decimals is more than 32 bits hold"),
+                                "print fewer decimals, or check the value first",
+                            )
+                        })?,
                         false => printing::printed(
                             value,
                             *whole,

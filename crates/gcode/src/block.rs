@@ -29,6 +29,8 @@ pub(crate) struct Code {
 }
 
 const MOST_CODES: usize = 16;
+/// A value beyond nine digits cannot become a fixed-point word: alarm 110.
+const LARGEST_WORD: f64 = 999_999_999.0;
 
 /// The parts of a line.
 #[derive(Clone, Debug)]
@@ -167,6 +169,15 @@ impl Block {
                     let value = evaluate(&line.code, expression, rules, variables, stack)?;
                     if value.is_nan() {
                         continue; // vacant: the word is not there
+                    }
+                    if rules.fanuc_ranges && value.abs() > LARGEST_WORD {
+                        return Err(Fault::new(
+                            word.at,
+                            110,
+                            "word-overflow",
+                            format!("{value:e} has more digits than a word takes"),
+                            "check the value before it is used",
+                        ));
                     }
                     word.computed = true;
                     word.value = if matches!(said.letter, b'G' | b'M' | b'S' | b'T') {
