@@ -375,3 +375,53 @@ fn check_and_plan_use_the_offsets_in_force_and_say_where_they_come_from() {
         "{told}"
     );
 }
+
+/// A slot by the radius of its cutter, and two depths that one length makes.
+const MILLED: &str = "name = \"PLATE\"\nnumber = 79\nunit = \"mm\"\n[[dimension]]\nname = \"SLOT\"\nkind = \"inside width\"\nnominal = 12\n\
+                      tolerance = 0.05\ntool = 2\naxis = \"radius\"\n[[dimension]]\nname = \"FLOOR\"\nkind = \"depth\"\nnominal = 8\n\
+                      tolerance = 0.05\ntool = 2\nrole = \"mean\"\nlargest_step = 0.05\n[[dimension]]\nname = \"STEP\"\nkind = \"depth\"\n\
+                      nominal = 3\ntolerance = 0.05\ntool = 2\nrole = \"mean\"\nlargest_step = 0.05\n";
+
+#[test]
+fn a_mill_gets_macros_with_their_proof_and_a_lathes_control_is_refused() {
+    let shop = Shop::new(MILLED);
+    let program = shop.path("PART.nc").display().to_string();
+    std::fs::write(
+        &program,
+        "%\nO1\nG21G90G54\nT2M6\nS500M3\nG43H2G0Z5.\nG1Z-1.F100\nG0Z5.\nM30\n%\n",
+    )
+    .expect("written");
+    for method in ["t-word", "g65"] {
+        let out = shop.path(method).display().to_string();
+        let words = [
+            "size",
+            "generate",
+            "--control",
+            "fanuc-mill",
+            "--method",
+            method,
+            "--out",
+            &out,
+            "--program",
+            &program,
+        ];
+        let told = shop.json(1, 0, &words);
+        assert_eq!(
+            (&told["released"], &told["proof"]["different"]),
+            (&Value::from(true), &Value::from(0)),
+            "{told}"
+        );
+        let situations = told["proof"]["situations"].to_string();
+        assert!(situations.contains("FLOOR and STEP move one register"), "{situations}");
+        assert!(situations.contains("same 4 moves as before"), "{situations}");
+        let changed = std::fs::read_to_string(shop.path(method).join("PART.nc")).expect("reads");
+        assert_eq!(
+            changed.matches("G65 P8002").count(),
+            if method == "g65" { 3 } else { 0 },
+            "{changed}"
+        );
+    }
+    let out = shop.path("lathe").display().to_string();
+    let (exit, _, err) = shop.run(2, &["size", "generate", "--control", "fanuc-lathe", "--out", &out]);
+    assert!(exit == 2 && err.contains("is the control of a lathe"), "{exit} {err}");
+}

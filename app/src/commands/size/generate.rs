@@ -14,12 +14,27 @@ use sizing::control::Control;
 use sizing::generate::{Generated, Method, SetupEnd, call, insert, t_word};
 use std::collections::BTreeMap;
 use std::path::Path;
+use store::MachineFile;
+use store::machine_file::MachineKind as KindOfMachine;
 
 /// Runs the command.
 pub(super) fn generate(args: &GenerateArgs, common: &Common) -> Done {
     let control = control(&args.control)?;
     let directory = shop::data_directory(common)?;
     let bench = Bench::open(&directory, common)?;
+    if let Some(turns) = turns(&bench, common)?
+        && turns == control.mill
+    {
+        let kind = |turns: bool| if turns { "lathe" } else { "mill" };
+        return Err(Failure::usage(format_args!(
+            "job {} is for {}, a {}, and {} is the control of a {}: choose another --control",
+            bench.job.name,
+            bench.kept.machine,
+            kind(turns),
+            control.name,
+            kind(!control.mill)
+        )));
+    }
     let method = match args.method {
         MethodName::TWord => Method::TWord,
         MethodName::G65 => Method::G65,
@@ -103,6 +118,16 @@ pub(super) fn generate(args: &GenerateArgs, common: &Common) -> Done {
         }
     }
     Ok(Exit::Good)
+}
+
+/// Whether the machine of the job turns, where that is known: by its file, or by its name when it is simulated.
+fn turns(bench: &Bench, common: &Common) -> Result<Option<bool>, Failure> {
+    let named = crate::program::named_machine(&common.machine)?.filter(|m| m.name == bench.kept.machine);
+    let simulated = || {
+        let kinds = [KindOfMachine::Lathe, KindOfMachine::Mill].into_iter();
+        kinds.map(MachineFile::simulated).find(|m| m.name == bench.kept.machine)
+    };
+    Ok(named.or_else(simulated).map(|m| m.kind == KindOfMachine::Lathe))
 }
 
 /// A built-in control, or a profile of the person's own.
