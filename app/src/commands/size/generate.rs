@@ -160,8 +160,12 @@ fn control(wanted: &str) -> Result<Control, Failure> {
 fn to_insert(generated: &Generated, control: &Control) -> String {
     match generated.method {
         Method::TWord => format!(
-            "At the head of the part program, before its first block:\n{}\n",
-            t_word::job_line(control, generated.job)
+            "At the head of the part program, before its first block:\n{}\n{}",
+            t_word::job_line(control, generated.job),
+            match control.mill {
+                true => "T in a block of its own before M6: a T word calls behind the other words of its block.\n",
+                false => "",
+            }
         ),
         Method::G65 => {
             let mut text = String::from("In the part program, each before the turret index of its offset:\n");

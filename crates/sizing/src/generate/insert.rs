@@ -30,7 +30,18 @@ fn job_line(program: &str, generated: &Generated, control: &Control) -> Result<S
             out.push_str(line_end(line));
             done = true;
         }
-        out.push_str(line);
+        // A T word calls behind the other words of its block: M6 in the same block would change before the tool is named.
+        match block.tool_and_rest().filter(|_| control.mill) {
+            Some((tool, rest)) => {
+                out.push_str(block.skip);
+                out.push_str(block.label);
+                out.push_str(&tool);
+                out.push_str(line_end(line));
+                out.push_str(block.skip);
+                out.push_str(&rest);
+            }
+            None => out.push_str(line),
+        }
     }
     if done {
         Ok(out)
@@ -110,6 +121,8 @@ struct Block<'a> {
     label: &'a str,
     /// The rest without comments.
     words: String,
+    /// The rest as it is.
+    rest: &'a str,
     /// An O number or `:`.
     is_program_start: bool,
 }
@@ -152,8 +165,32 @@ impl<'a> Block<'a> {
             skip,
             label,
             words,
+            rest,
             is_program_start,
         }
+    }
+
+    /// The T word of a block that holds more, and the block without it.
+    fn tool_and_rest(&self) -> Option<(String, String)> {
+        if !matches!(self.tool(true), ToolWord::Called(_)) {
+            return None;
+        }
+        let mut depth = 0u32;
+        let at = self.rest.find(|c: char| {
+            match c {
+                '(' => depth += 1,
+                ')' => depth = depth.saturating_sub(1),
+                _ => {}
+            }
+            depth == 0 && c.eq_ignore_ascii_case(&'T')
+        })?;
+        let behind = &self.rest[at + 1..];
+        let length = behind.find(|c: char| !c.is_ascii_digit() && c != ' ').unwrap_or(behind.len());
+        let tool = self.rest[at..at + 1 + length].trim_end().to_owned();
+        let rest = format!("{}{}", &self.rest[..at], &behind[length..]);
+        let others = self.words.chars().filter(|c| !c.is_whitespace()).count();
+        let own = tool.chars().filter(|c| !c.is_whitespace()).count();
+        (others > own).then_some((tool, rest))
     }
 
     /// What a T word says: on a lathe the last two digits, the offset; on a mill the tool.
@@ -223,5 +260,18 @@ mod tests {
             Ok("%\nO1(PART)\n(COMMENT)\n#140=200 (JOB, FOR SIZING)\nN10 G21\nM30\n%\n".to_owned())
         );
         assert!(changed("%\n", Method::TWord).is_err());
+    }
+
+    #[test]
+    fn on_a_mill_a_tool_is_named_in_a_block_before_its_change() {
+        let mut job = Job::parse(PUBLISHED, "job.toml", &lathe()).expect("good");
+        job.dimensions[0].column = crate::Column::CutterRadius;
+        let control = Control::find("fanuc-mill").expect("built in");
+        let generated = generate(&job, &control, Method::TWord, SetupEnd::M30).expect("possible");
+        let program = "O1\nN5 T2 M6 (T2 CUTTER)\n/M6T03\nT4\nG43H2Z1.\n(T9)M6\nM30\n";
+        assert_eq!(
+            insert(program, &generated, &control).expect("fits"),
+            "O1\n#140=200 (JOB, FOR SIZING)\nN5 T2\nM6 (T2 CUTTER)\n/T03\n/M6\nT4\nG43H2Z1.\n(T9)M6\nM30\n"
+        );
     }
 }
