@@ -248,11 +248,11 @@ impl Reader<'_> {
         }
         // Features stand before the operation, which is the last but the effect; its kind may be one that is not known here.
         if operation.is_none() {
-            let last = arguments
+            let mut last = arguments
                 .iter()
                 .filter_map(Value::reference)
                 .filter(|id| !executable.features.contains(id));
-            operation = last.last().filter(|&id| self.has_operation_links(id));
+            operation = last.next_back().filter(|&id| self.has_operation_links(id));
         }
         if let Some(id) = operation {
             let attributes = self.arguments(id)?;

@@ -275,5 +275,6 @@ fn control_structures_ask_for_what_only_the_machine_knows() {
         5 #2 End(Workplan)
         6 - End(Program)
         end
-    "#]].assert_eq(&shown);
+    "#]]
+    .assert_eq(&shown);
 }
