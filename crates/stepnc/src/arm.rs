@@ -17,7 +17,7 @@ use crate::curve;
 use crate::expression;
 use crate::model::{
     Dwell, Executable, ExecutableKind, Feature, FeedSetting, Function, MachineFunctions, Operation, Program, Project, Setup,
-    SpindleSetting, Technology, Tool, Toolpath, ToolpathKind,
+    SpindleSetting, Technology, Tool, Toolpath, ToolpathKind, feature_based,
 };
 use crate::unit::ContextUnits;
 use part21::{Row, Value};
@@ -102,7 +102,9 @@ pub(crate) fn read(program: &Program) -> Arm {
         }
     }
     reader.projects();
-    reader.say_what_has_no_toolpaths();
+    if let Some(fault) = feature_based(&reader.out.executables, &reader.out.operations) {
+        program.note(&mut reader.out.found, Severity::Warning, &fault);
+    }
     reader.out
 }
 
@@ -637,31 +639,6 @@ impl Reader<'_> {
             }
         }
         values
-    }
-
-    fn say_what_has_no_toolpaths(&mut self) {
-        let steps = self
-            .out
-            .executables
-            .values()
-            .filter(|e| matches!(e.kind, ExecutableKind::Workingstep { .. }))
-            .count();
-        let bare: Vec<u64> = self
-            .out
-            .operations
-            .values()
-            .filter(|o| o.toolpaths.is_empty())
-            .map(|o| o.id)
-            .collect();
-        if let Some(&first) = bare.first() {
-            let message = format!(
-                "{} of {steps} workingsteps are described by features and have no toolpaths: they are shown and cannot be run",
-                bare.len()
-            );
-            let remedy = "let a CAM system compute their toolpaths; none are made up here";
-            let fault = Fault::new(first, "feature-based", message, remedy);
-            self.program.note(&mut self.out.found, Severity::Warning, &fault);
-        }
     }
 }
 

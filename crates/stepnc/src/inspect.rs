@@ -80,7 +80,7 @@ fn tool_entry(tool: &Tool) -> ToolEntry {
 }
 
 /// What a node shows besides its children: the set-up's frames first, then what the file says.
-fn values_of(executable: &Executable) -> Vec<NamedValue> {
+fn values_of(program: &Program, executable: &Executable) -> Vec<NamedValue> {
     let mut values = Vec::new();
     if let Some(setup) = &executable.setup {
         let place = |name: &str, origin: [f64; 3]| NamedValue::new(name, Quantity::Place { place_mm: origin });
@@ -107,7 +107,8 @@ fn values_of(executable: &Executable) -> Vec<NamedValue> {
             }));
         }
     }
-    values.extend(executable.orientation.map(|frame| {
+    // In ISO 14649 it is the place of the feature, which the feature says.
+    values.extend(executable.orientation.filter(|_| !program.is_iso_14649()).map(|frame| {
         let [x, y, z] = frame.origin;
         let turned = if frame.is_shift() { "" } else { ", turned" };
         NamedValue::text("toolpath orientation", format!("moved by ({x} {y} {z}){turned}"))
@@ -244,7 +245,7 @@ impl<'p> Inspector<'p> {
                 .filter_map(|&id| program.feature(id))
                 .map(feature_entry)
                 .collect(),
-            values: values_of(executable),
+            values: values_of(program, executable),
             time_s: None,
         })
     }

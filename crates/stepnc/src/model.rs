@@ -763,6 +763,30 @@ impl Executable {
     }
 }
 
+/// What to say when workingsteps have operations without toolpaths: they are shown, and what they would need is not made up.
+pub(crate) fn feature_based(executables: &BTreeMap<u64, Executable>, operations: &BTreeMap<u64, Operation>) -> Option<Fault> {
+    let mut steps = 0;
+    let mut bare: Vec<u64> = Vec::new();
+    for executable in executables.values().filter(|executable| executable.twin.is_none()) {
+        let ExecutableKind::Workingstep { operation, .. } = executable.kind else {
+            continue;
+        };
+        steps += 1;
+        let operation = operation.and_then(|id| operations.get(&id));
+        bare.extend(
+            operation
+                .filter(|o| o.toolpaths.is_empty() && !o.is_rapid_movement())
+                .map(|o| o.id),
+        );
+    }
+    let message = format!(
+        "{} of {steps} workingsteps are described by features and have no toolpaths: they are shown and cannot be run",
+        bare.len()
+    );
+    let remedy = "let a CAM system compute their toolpaths; none are made up here";
+    Some(Fault::new(*bare.first()?, "feature-based", message, remedy))
+}
+
 /// The number of a tool in `7`, `T07`, `Tool 7`; none in `12 mm R0.5` or `MILL 18MM`, which describe it.
 pub(crate) fn number_in(text: &str) -> Option<ToolNumber> {
     let text = text.trim();

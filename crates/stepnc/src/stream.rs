@@ -96,6 +96,8 @@ struct Run {
     spindle: SpindleState,
     coolant: CoolantState,
     path_mode: PathMode,
+    /// Height in the set-up that the next link has to reach: a connection over the security plane was passed.
+    clearance: Option<Millimetres>,
 }
 
 /// What is left to do, innermost last.
@@ -247,6 +249,7 @@ impl Run {
             spindle: SpindleState::Stopped,
             coolant: CoolantState::default(),
             path_mode: PathMode::Tolerance(None),
+            clearance: None,
         }
     }
 }
@@ -476,6 +479,12 @@ impl<'s> Walker<'s> {
                 self.enter(executable, Some(Level::Workingstep));
                 self.begin(Level::Operation, operation.id, &operation.name, None);
                 self.run.tasks.push(Task::End(Level::Operation, operation.id));
+                if operation.toolpaths.is_empty() && operation.is_rapid_movement() {
+                    let message = format!("rapid movement '{}' says not where to, and is passed over", operation.name);
+                    let fault = Fault::new(operation.id, "no-place", message, "give it a toolpath");
+                    program.note(&mut self.run.diagnostics, Severity::Warning, &fault);
+                    return Ok(None);
+                }
                 if operation.toolpaths.is_empty() {
                     return unsupported(
                         "no-toolpaths",

@@ -2,7 +2,7 @@
 
 use super::Tree;
 use crate::say;
-use ::plan::inspection::{NamedValue, Node, PathEntry, ToolEntry};
+use ::plan::inspection::{FeatureEntry, NamedValue, Node, PathEntry, Quantity, ToolEntry};
 
 /// Prints the whole tree, or the one toolpath that was asked for.
 pub fn print(name: &str, found: &Tree, only: Option<&PathEntry>) {
@@ -31,7 +31,7 @@ pub fn print(name: &str, found: &Tree, only: Option<&PathEntry>) {
     ));
     for node in &found.tree {
         say("");
-        print_node(node, "", "");
+        print_node(node, "", "", &[]);
     }
     if !found.tools.is_empty() {
         say("\nTools");
@@ -47,10 +47,10 @@ fn count(number: u64, what: &str) -> String {
     }
 }
 
-/// A node with its line's `lead` and the lead of what is below it.
-fn print_node(node: &Node, lead: &str, below: &str) {
+/// A node with its line's `lead` and the lead of what is below it; what is said above already is not said again.
+fn print_node(node: &Node, lead: &str, below: &str, above: &[NamedValue]) {
     say(&format!("{lead}{}", node_line(node)));
-    let details = details(node);
+    let details = details(node, above);
     let items = node.children.len() + node.toolpaths.len();
     let bar = if items > 0 { "│  " } else { "   " };
     for detail in details {
@@ -67,10 +67,11 @@ fn print_node(node: &Node, lead: &str, below: &str) {
         let branch = if n + 1 == items { "└─ " } else { "├─ " };
         say(&path_line(path, &format!("{below}{branch}"), widest));
     }
+    let known: Vec<NamedValue> = above.iter().chain(&node.values).cloned().collect();
     for (n, child) in node.children.iter().enumerate() {
         let last = node.toolpaths.len() + n + 1 == items;
         let (branch, bar) = if last { ("└─ ", "   ") } else { ("├─ ", "│  ") };
-        print_node(child, &format!("{below}{branch}"), &format!("{below}{bar}"));
+        print_node(child, &format!("{below}{branch}"), &format!("{below}{bar}"), &known);
     }
 }
 
@@ -113,11 +114,10 @@ fn node_line(node: &Node) -> String {
 }
 
 /// The lines below a node's own: feature, operation, and what else is said of it.
-fn details(node: &Node) -> Vec<String> {
+fn details(node: &Node, above: &[NamedValue]) -> Vec<String> {
     let mut lines = Vec::new();
     for feature in &node.features {
-        // The feature that stands for none says nothing but its name.
-        if feature.kind == "INSTANCED_FEATURE" && feature.values.is_empty() {
+        if stands_for_none(feature) {
             continue;
         }
         lines.extend(sentence(
@@ -145,10 +145,24 @@ fn details(node: &Node) -> Vec<String> {
             &operation.values,
         ));
     }
-    if !node.values.is_empty() {
-        lines.extend(sentence("", &node.values));
+    let news: Vec<NamedValue> = node.values.iter().filter(|value| !above.contains(value)).cloned().collect();
+    if !news.is_empty() {
+        lines.extend(sentence("", &news));
     }
     lines
+}
+
+/// The feature that a workingstep of bare toolpaths has, because it must have one.
+fn stands_for_none(feature: &FeatureEntry) -> bool {
+    let nothing = |value: &NamedValue| {
+        matches!(
+            value.value,
+            Quantity::Place {
+                place_mm: [0.0, 0.0, 0.0]
+            }
+        )
+    };
+    feature.kind == "INSTANCED_FEATURE" && feature.values.iter().all(nothing)
 }
 
 /// Something and what is said of it, in lines of bearable length.
@@ -194,27 +208,28 @@ fn path_line(path: &PathEntry, lead: &str, width: usize) -> String {
         (_, Some(length)) => format!("  {length:>7.1} mm"),
         (_, None) => format!("  {:>10}", ""),
     };
-    if let Some(time) = path.time_s.filter(|_| path.kind != "dwell") {
-        line += &format!("  {:>8}", duration(time));
-    }
-    if let Some(feed) = path.feed_mm_rev {
-        line += &format!("  {feed} mm/rev");
-    } else if let Some(feed) = path.feed_mm_s {
-        line += &format!("  {:.0} mm/min", feed * 60.0);
-    }
+    let time = path.time_s.filter(|_| path.kind != "dwell");
+    line += &format!("  {:>8}", time.map_or(String::new(), duration));
+    let feed = match (path.feed_mm_rev, path.feed_mm_s) {
+        (Some(feed), _) => format!("{feed} mm/rev"),
+        (None, Some(feed)) => format!("{:.0} mm/min", feed * 60.0),
+        (None, None) => String::new(),
+    };
     let direction = path.spindle_direction.unwrap_or_default();
-    if let (Some(surface), "cw" | "ccw") = (path.surface_speed_mm_s, direction) {
-        line += &format!("  {:.0} m/min {direction}", surface * 0.06);
-    } else if let (Some(rpm), "cw" | "ccw") = (path.spindle_rpm, direction) {
-        line += &format!("  {rpm:.0} rev/min {direction}");
-    }
+    let spindle = match (path.surface_speed_mm_s, path.spindle_rpm, direction) {
+        (Some(surface), _, "cw" | "ccw") => format!("{:.0} m/min {direction}", surface * 0.06),
+        (None, Some(rpm), "cw" | "ccw") => format!("{rpm:.0} rev/min {direction}"),
+        (None, None, "cw" | "ccw") => direction.to_owned(),
+        _ => String::new(),
+    };
+    line += &format!("  {feed:>11}  {spindle:<15}");
     if !path.trajectory.is_empty() && path.trajectory != "trajectory path" {
         line += &format!("  {}", path.trajectory);
     }
     if let Some(deviation) = path.maximum_deviation_mm {
         line += &format!("  within {deviation} mm");
     }
-    line
+    line.trim_end().to_owned()
 }
 
 fn print_tool(tool: &ToolEntry) {

@@ -18,7 +18,8 @@ pub(in crate::model) fn read_toolpath(program: &Program, toolpath: &mut Toolpath
     toolpath.functions = links.related("MACHINING_FUNCTIONS_RELATIONSHIP");
     toolpath.twin = twin_facts(aim, &links, true);
     toolpath.trajectory = property_text(aim, &links, "trajectory type").unwrap_or_default();
-    toolpath.reversed = property_text(aim, &links, "direction").is_some_and(|direction| direction == "end to beginning");
+    toolpath.reversed =
+        property_text(aim, &links, "direction").is_some_and(|direction| direction.eq_ignore_ascii_case("end to beginning"));
     toolpath.values = values_of(aim, &links, &KNOWN);
     let mut read = || -> Result<(), Fault> {
         if let Some(representation) = links.property("basic curve") {
@@ -56,7 +57,8 @@ pub(in crate::model) fn read_toolpath(program: &Program, toolpath: &mut Toolpath
 }
 
 /// Properties with a place of their own in [`Toolpath`].
-const KNOWN: [&str; 11] = [
+const KNOWN: [&str; 12] = [
+    "twin worktime",
     "basic curve",
     "tool axis",
     "tool reference direction",
