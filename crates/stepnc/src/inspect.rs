@@ -2,10 +2,11 @@
 //!
 //! Lengths of all curves are added up, so every curve is read; what cannot be read is a problem in the answer.
 
+use crate::dimensions::StatedLimits;
 use crate::model::{Executable, ExecutableKind, FeedSetting, Function, Program, SpindleSetting, Tool, Toolpath, ToolpathKind};
 pub use plan::inspection::{
-    FeatureEntry, FunctionEntry, Inspection, NamedValue, Node, OperationEntry, PathEntry, Problem, Quantity, Summary, ToolEntry,
-    ToolName,
+    DimensionEntry, FeatureEntry, FunctionEntry, Inspection, NamedValue, Node, OperationEntry, PathEntry, Problem, Quantity,
+    Summary, ToolEntry, ToolName,
 };
 use plan::{Diagnostics, Severity};
 use std::collections::BTreeSet;
@@ -42,6 +43,7 @@ pub fn inspect(program: &Program) -> Inspection {
         }
         tree.extend(node);
     }
+    let dimensions = inspector.dimensions();
     Inspection {
         kind: if program.is_iso_14649() { "iso-14649" } else { "step-nc" },
         schema: program.schema().to_string(),
@@ -49,6 +51,7 @@ pub fn inspect(program: &Program) -> Inspection {
         summary: inspector.summary,
         tree,
         tools: program.tools().iter().map(tool_entry).collect(),
+        dimensions,
         problems: inspector.problems.as_slice().iter().map(Problem::from).collect(),
     }
 }
@@ -168,6 +171,38 @@ struct Inspector<'p> {
 }
 
 impl<'p> Inspector<'p> {
+    fn dimensions(&mut self) -> Vec<DimensionEntry> {
+        let found = crate::dimensions::dimensions(self.program);
+        for diagnostic in found.diagnostics {
+            self.problems.add(diagnostic);
+        }
+        let sizes = found.dimensions.into_iter().map(|stated| {
+            let (lower, upper, fit) = match stated.limits {
+                StatedLimits::Deviations { lower, upper } => (Some(lower.0), Some(upper.0), None),
+                StatedLimits::Fit(fit) => (None, None, Some(fit)),
+                StatedLimits::None => (None, None, None),
+            };
+            DimensionEntry {
+                id: stated.id,
+                kind: stated.word,
+                of: stated.aspects.into_iter().map(|(_, name)| name).collect(),
+                nominal_mm: stated.nominal.map(|nominal| nominal.0),
+                lower_mm: lower,
+                upper_mm: upper,
+                fit,
+                tolerance_mm: None,
+            }
+        });
+        let zones = found.geometric.into_iter().map(|zone| DimensionEntry {
+            id: zone.id,
+            kind: zone.entity.to_lowercase().replace('_', " "),
+            of: zone.aspect.map(|(_, name)| name).into_iter().collect(),
+            tolerance_mm: zone.magnitude.map(|magnitude| magnitude.0),
+            ..DimensionEntry::default()
+        });
+        sizes.chain(zones).collect()
+    }
+
     fn node(&mut self, id: u64, parent_enabled: bool, above: &mut Vec<u64>) -> Option<Node> {
         let program = self.program;
         self.nodes += 1;

@@ -70,7 +70,7 @@ fn a_tool_has_all_that_the_file_says_of_it() {
             "{LINE}#400=RESOURCE_PROPERTY('tool body','',#130);\n#401=RESOURCE_PROPERTY_REPRESENTATION('','',#400,#402);\n\
              #402=MACHINING_TOOL_BODY_REPRESENTATION('endmill',(#403,#404,#405,#406),#8);\n\
              #403=(LENGTH_MEASURE_WITH_UNIT() MEASURE_REPRESENTATION_ITEM() MEASURE_WITH_UNIT(LENGTH_MEASURE(0.5),#9) QUALIFIED_REPRESENTATION_ITEM((#410,#411)) REPRESENTATION_ITEM('effective cutting diameter'));\n\
-             #410=STANDARD_UNCERTAINTY('upper limit','',0.5);\n#411=STANDARD_UNCERTAINTY('lower limit','',0.499);\n\
+             #410=STANDARD_UNCERTAINTY('upper limit','',0.001);\n#411=STANDARD_UNCERTAINTY('lower limit','',0.002);\n\
              #404=DESCRIPTIVE_REPRESENTATION_ITEM('hand of cut','right');\n\
              #405=(MEASURE_REPRESENTATION_ITEM() MEASURE_WITH_UNIT(COUNT_MEASURE(4.),#412) REPRESENTATION_ITEM('number of effective teeth'));\n\
              #412=CONTEXT_DEPENDENT_UNIT(#30,'tooth');\n\
@@ -87,7 +87,7 @@ fn a_tool_has_all_that_the_file_says_of_it() {
     let tool = &program.tools()[0];
     let said: Vec<String> = tool.values.iter().map(ToString::to_string).collect();
     expect![[r#"
-        effective cutting diameter 12.7 mm [12.6746 to 12.7]
+        effective cutting diameter 12.7 mm [12.6492 to 12.7254]
         hand of cut right
         number of effective teeth 4
         point angle 118 deg

@@ -2,7 +2,7 @@
 
 use super::Tree;
 use crate::say;
-use ::plan::inspection::{FeatureEntry, NamedValue, Node, PathEntry, Quantity, ToolEntry};
+use ::plan::inspection::{DimensionEntry, FeatureEntry, NamedValue, Node, PathEntry, Quantity, ToolEntry};
 
 /// Prints the whole tree, or the one toolpath that was asked for.
 pub fn print(name: &str, found: &Tree, only: Option<&PathEntry>) {
@@ -37,7 +37,38 @@ pub fn print(name: &str, found: &Tree, only: Option<&PathEntry>) {
         say("\nTools");
         found.tools.iter().for_each(print_tool);
     }
+    if !found.dimensions.is_empty() {
+        say("\nDimensions and tolerances");
+        found.dimensions.iter().for_each(print_dimension);
+    }
     say("");
+}
+
+fn print_dimension(dimension: &DimensionEntry) {
+    let mut line = format!("  {} #{}", dimension.kind, dimension.id);
+    let of: Vec<String> = dimension
+        .of
+        .iter()
+        .filter(|name| !name.is_empty())
+        .map(|name| format!("'{name}'"))
+        .collect();
+    if !of.is_empty() {
+        line += &format!(" of {}", of.join(" and "));
+    }
+    line += ":";
+    if let Some(nominal) = dimension.nominal_mm {
+        line += &format!(" {nominal} mm");
+    }
+    if let (Some(lower), Some(upper)) = (dimension.lower_mm, dimension.upper_mm) {
+        line += &format!(" {lower:+} / {upper:+}");
+    }
+    if let Some(fit) = &dimension.fit {
+        line += &format!(" {fit}");
+    }
+    if let Some(zone) = dimension.tolerance_mm {
+        line += &format!(" within {zone} mm");
+    }
+    say(line.trim_end_matches(':'));
 }
 
 fn count(number: u64, what: &str) -> String {
