@@ -27,8 +27,8 @@ const SAME: f64 = 1e-6;
 /// Composite curves inside composite curves, at most.
 const DEEPEST: usize = 16;
 
-/// Pieces of one toolpath, at most: a file of nested composites can ask for more than anybody could mill.
-const MOST_PIECES: u64 = 50_000_000;
+/// Pieces of one toolpath, at most, besides four for each instance of the file: nested composites can ask for more than anybody could mill.
+const MOST_PIECES: u64 = 100_000;
 
 type P = Point<Setup>;
 type V = Vector<Setup>;
@@ -328,9 +328,14 @@ impl Iterator for Pieces<'_> {
     fn next(&mut self) -> Option<Self::Item> {
         let mut piece = self.step()?;
         self.state.count += 1;
-        if self.state.count > MOST_PIECES {
+        if self.state.count > MOST_PIECES + 4 * self.aim.file.len() as u64 {
             self.state.stack.clear();
-            return None;
+            return Some(Err(Fault::new(
+                0,
+                "curve-nesting",
+                "composite curves repeat their parts over and over: the curve has more pieces than the file could tell",
+                CURVE_REMEDY,
+            )));
         }
         if let Ok(path) = &mut piece {
             if !path.is_sound() {

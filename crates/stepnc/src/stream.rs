@@ -149,6 +149,9 @@ enum Pending {
     },
 }
 
+/// Executables inside executables, at most: no plan for people is deeper, and each level costs a look at all above it.
+const DEEPEST: usize = 1000;
+
 /// Turns of a loop, or other structure, without a single step: then it will never have one.
 const MOST_IDLE: u32 = 1_000_000;
 
@@ -395,6 +398,10 @@ impl<'s> Walker<'s> {
             .is_none_or(|&root| program.executable(root).is_some_and(|root| root.twin.is_some()));
         if !executable.enabled || (executable.twin.is_some() && !in_twin) {
             return Ok(None);
+        }
+        if self.run.scopes.len() >= DEEPEST {
+            let message = format!("executables are nested more than {DEEPEST} deep");
+            return Err(Fault::new(id, "nesting", message, "flatten the workplans"));
         }
         if self.run.scopes.contains(&id) {
             return Err(Fault::new(
