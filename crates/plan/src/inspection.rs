@@ -344,6 +344,14 @@ impl NamedValue {
         }
     }
 
+    /// The unit, when it is a number: one of [`Quantity::Measure`].
+    pub fn unit(&self) -> Option<&'static str> {
+        match self.value {
+            Quantity::Measure { unit, .. } => Some(unit),
+            _ => None,
+        }
+    }
+
     /// The number, when it is one; in the unit of [`Quantity::Measure`].
     pub fn number(&self) -> Option<f64> {
         match self.value {

@@ -301,13 +301,18 @@ impl Reader<'_> {
             return Ok(());
         }
         let kind = self.aim.keyword(id).to_string();
-        let toolpaths = match self.of_kind(arguments, |keyword| keyword == "TOOLPATH_LIST") {
+        let toolpaths: Vec<u64> = match self.of_kind(arguments, |keyword| keyword == "TOOLPATH_LIST") {
             Some(list) => self
                 .arguments(list)?
                 .first()
                 .map(|list| list.references().collect())
                 .unwrap_or_default(),
-            None => Vec::new(),
+            // Some writers put the paths into the operation itself.
+            None => arguments
+                .iter()
+                .flat_map(Value::references)
+                .filter(|&id| is_toolpath(self.aim.keyword(id)))
+                .collect(),
         };
         if kind == "RAPID_MOVEMENT" {
             self.out.rapid_paths.extend(toolpaths.iter().copied());
@@ -661,6 +666,13 @@ fn is_operation(keyword: &str) -> bool {
             keyword,
             "THREADING_ROUGH" | "THREADING_FINISH" | "KNURLING" | "BACK_BORING" | "RAPID_MOVEMENT"
         )
+}
+
+fn is_toolpath(keyword: &str) -> bool {
+    keyword.ends_with("_TRAJECTORY")
+        || keyword == "FEEDSTOP"
+        || keyword.starts_with("CONNECT_")
+        || keyword.starts_with("AP_LIFT_PATH")
 }
 
 fn boolean_word(word: &str) -> String {

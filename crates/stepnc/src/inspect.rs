@@ -216,6 +216,9 @@ impl<'p> Inspector<'p> {
             program.note(&mut self.problems, Severity::Error, &fault);
             return None;
         }
+        if program.is_instruction(id) {
+            return None;
+        }
         let Some(executable) = program.executable(id) else {
             let fault = crate::aim::Fault::new(id, "not-executable", "a child is not in the file, or is no executable", "");
             program.note(&mut self.problems, Severity::Warning, &fault);

@@ -383,6 +383,9 @@ impl<'s> Walker<'s> {
     fn execute(&mut self, id: u64) -> Outcome {
         let program = self.program;
         let Some(executable) = program.executable(id) else {
+            if program.is_instruction(id) {
+                return Ok(None); // for the person who sets up, before the program
+            }
             return Err(Fault::new(
                 id,
                 "not-executable",

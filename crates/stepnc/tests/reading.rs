@@ -380,6 +380,42 @@ fn a_workingstep_without_toolpaths_is_named_when_the_file_is_read() {
 }
 
 #[test]
+fn instructions_among_the_steps_are_passed_over() {
+    let program = plan_of(
+        &[110, 200, 120],
+        &format!(
+            "#110=MACHINING_PROCESS_EXECUTABLE('clamp it','setup instructions','','');\n#120=MACHINING_FEATURE_PROCESS('','machining','','');\n{}",
+            message(200, "go")
+        ),
+    );
+    assert!(
+        !stepnc::inspect::inspect(&program)
+            .problems
+            .iter()
+            .any(|problem| problem.code == "not-executable")
+    );
+    let text = steps(program, options(), 100, |_| Answer::Truth(true));
+    assert!(text.contains("Message(\"go\")") && text.contains("\nend\n"), "{text}");
+}
+
+#[test]
+fn a_speed_ratio_may_have_no_unit_and_a_curve_a_placement_beside_it() {
+    let program = one_path(
+        &format!(
+            "{LINE}{}#303=MEASURE_REPRESENTATION_ITEM('',RATIO_MEASURE(0.25),$);\n#310=AXIS2_PLACEMENT_3D('',#201,$,$);\n",
+            holds(300, 110, "speed profile", 303, 8)
+        ),
+        7,
+    );
+    let program = rewritten(
+        &program,
+        &[("REPRESENTATION('',(#200),#7)", "REPRESENTATION('',(#310,#200),#7)")],
+    );
+    let text = steps(program, options(), 100, |_| Answer::Truth(true));
+    assert!(text.contains("10.000 mm/s x [(0.0, 0.25), (1.0, 0.25)]"), "{text}");
+}
+
+#[test]
 fn short_entity_names_are_told_apart_from_a_file_without_a_program() {
     let program = program_of("#100=CRTPNT('',(0.,0.,0.));");
     assert_eq!(

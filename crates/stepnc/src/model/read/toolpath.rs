@@ -24,7 +24,11 @@ pub(in crate::model) fn read_toolpath(program: &Program, toolpath: &mut Toolpath
     let mut read = || -> Result<(), Fault> {
         if let Some(representation) = links.property("basic curve") {
             let representation = aim.representation(representation)?;
-            toolpath.curve = representation.items.first().map(|&curve| (representation.id, curve));
+            // A placement or a point beside the curve is not it.
+            let is_curve = |&&item: &&u64| !curve::is_placement(aim, item) && aim.keyword(item) != "CARTESIAN_POINT";
+            let items = &representation.items;
+            let curve = items.iter().find(is_curve).or(items.first());
+            toolpath.curve = curve.map(|&curve| (representation.id, curve));
             toolpath.context = representation.context;
         }
         if let Some(representation) = links.property("tool axis")
