@@ -111,8 +111,8 @@ fn speed_profile(aim: Aim, representation: u64) -> Result<Option<SpeedProfile>, 
     };
     if aim.keyword(item) == "DESCRIPTIVE_REPRESENTATION_ITEM" {
         return match aim.description(item).as_deref() {
-            Some("rapid") => Ok(None),
-            _ if aim.item_name(item) == "rapid" => Ok(None),
+            Some(speed) if speed.trim().eq_ignore_ascii_case("rapid") => Ok(None),
+            _ if aim.item_name(item).eq_ignore_ascii_case("rapid") => Ok(None),
             _ => Err(fault("the only speed that has a name is 'rapid'")),
         };
     }
@@ -130,7 +130,15 @@ fn speed_profile(aim: Aim, representation: u64) -> Result<Option<SpeedProfile>, 
             .collect();
         return Ok(Some(SpeedProfile { points }));
     }
-    let ratio = aim.measure_of(item, unit::NUMBER, "a speed profile")?;
+    // A ratio is the same in every unit of ratios, and some write none.
+    let bare = || {
+        aim.named_item(String::new(), item, None)
+            .filter(|value| value.unit() == Some(""))
+    };
+    let ratio = match aim.measure_of(item, unit::NUMBER, "a speed profile") {
+        Ok(ratio) => ratio,
+        Err(fault) => bare().and_then(|value| value.number()).ok_or(fault)?,
+    };
     if ratio <= 0.0 {
         return Err(fault("a feed multiplier is not above 0"));
     }
