@@ -12,6 +12,8 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 
 /// An instance's place in the table of its file, which is sorted by identifier.
+///
+/// It means something to the [`File`] it came from only: another one panics on it, or gives another instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Row(u32);
 
