@@ -22,6 +22,9 @@ const MOST_TICKS: u64 = 36_000_000;
 /// # Errors
 /// There is no such machine, or the program cannot be read again.
 pub fn add_planned_times(program: &Program, common: &Common, tree: &mut Inspection) -> Result<Option<String>, Failure> {
+    if tree.summary.toolpaths == 0 {
+        return Ok(None); // nothing moves, and why is among the problems
+    }
     let machine = machine_for(&common.machine, program.turns())?;
     let tables = store::registers::tables(&machine, &BTreeMap::new()).map_err(shop::failure)?;
     let mut trajectory = Trajectory::new(program.stream(&tables)?, tables.position, shop::limits(&machine));
@@ -59,10 +62,11 @@ pub fn add_planned_times(program: &Program, common: &Common, tree: &mut Inspecti
             Output::End => break None,
             Output::Alarm(alarm) => {
                 let what = &alarm.diagnostic.message;
-                break Some(format!(
-                    "planned up to {:.1} s, where the program stops: {what}",
-                    tick as f64 * TICK.0
-                ));
+                let seconds = tick as f64 * TICK.0;
+                break Some(match seconds < 0.05 {
+                    true => format!("not planned, because the program stops before it moves: {what}"),
+                    false => format!("planned up to {seconds:.1} s, where the program stops: {what}"),
+                });
             }
         }
     };
