@@ -9,6 +9,7 @@ mod execution;
 mod failure;
 mod files;
 mod net;
+mod planned_time;
 mod printed;
 mod program;
 mod progress;

@@ -1,12 +1,16 @@
 //! `toolmark inspect`: what is in a program.
 
+mod tree;
+
 use super::{Done, print_json};
 use crate::cli::{Common, InspectArgs};
 use crate::failure::{Exit, Failure};
+use crate::planned_time::add_planned_times;
 use crate::program::{Kind, Program, named_machine};
 use crate::say;
-use plan::Tables;
-use serde_json::Value;
+use ::plan::inspection::{Inspection, Node, PathEntry, Problem};
+use ::plan::{Severity, Tables};
+use serde_json::json;
 
 /// Runs the command.
 ///
@@ -18,82 +22,97 @@ pub fn inspect(args: &InspectArgs, common: &Common) -> Done {
         common.dialect.as_deref(),
         named_machine(&common.machine)?.as_ref(),
     )?;
-    let json = |inspection: Result<Value, serde_json::Error>| {
-        inspection.map_err(|e| Failure::machine(format_args!("the tree is no JSON: {e}")))
-    };
     let mut found = match &program.kind {
         Kind::StepNc(p) => {
             let mut inspection = stepnc::inspect::inspect(p);
+            let violations = stepnc::problems::violations(p);
+            inspection.problems.extend(violations.iter().map(Into::into));
             inspection
-                .problems
-                .extend(stepnc::problems::violations(p).iter().map(Into::into));
-            json(serde_json::to_value(inspection))?
         }
         Kind::Gcode { profile, .. } => {
             let mut stream = program.gcode(&Tables::empty())?;
-            json(serde_json::to_value(gcode::inspect::inspect(
-                &mut stream,
-                profile.name,
-                gcode::GcodeProgram::in_inches,
-            )))?
+            gcode::inspect::inspect(&mut stream, profile.name, gcode::GcodeProgram::in_inches)
         }
         Kind::CutterLocation => {
             let mut stream = program.cutter_location(&Tables::empty())?;
-            let mut tree = json(serde_json::to_value(gcode::inspect::inspect(
-                &mut stream,
-                program.dialect().0,
-                apt::AptProgram::in_inches,
-            )))?;
-            tree["kind"] = "cutter-location".into();
+            let mut tree = gcode::inspect::inspect(&mut stream, program.dialect().0, apt::AptProgram::in_inches);
+            tree.kind = "cutter-location";
             tree
         }
     };
-    if let Some(path) = &args.select {
-        let id = match &program.kind {
-            Kind::StepNc(p) => stepnc::select::select(p, path).map_err(Failure::usage)?.id(),
-            Kind::Gcode { .. } | Kind::CutterLocation => by_name(&found["tree"], path)?,
-        };
-        let part = find(&found["tree"], id).cloned();
-        let part = part.ok_or_else(|| Failure::usage(format_args!("'{path}' is no part of the program's tree")))?;
-        found["tree"] = Value::Array(vec![part]);
+    let mut note = None;
+    if !args.problems {
+        note = add_planned_times(&program, common, &mut found)?;
     }
-    let bad = found["problems"]
-        .as_array()
-        .is_some_and(|all| all.iter().any(|p| p["severity"] == "error"));
-    if common.json {
-        if args.problems {
-            print_json(&serde_json::json!({ "problems": found["problems"] }))?;
-        } else {
-            print_json(&found)?;
+    let mut path = None;
+    if let Some(wanted) = &args.select {
+        let id = match &program.kind {
+            Kind::StepNc(p) => stepnc::select::select(p, wanted).map_err(Failure::usage)?.id(),
+            Kind::Gcode { .. } | Kind::CutterLocation => by_name(&found.tree, wanted)?,
+        };
+        let part = find(&found.tree, id);
+        let part = part.ok_or_else(|| Failure::usage(format_args!("'{wanted}' is no part of the program's tree")))?;
+        match part {
+            Part::Node(node) => found.tree = vec![node.clone()],
+            Part::Path(entry) => {
+                path = Some(entry.clone());
+                found.tree.clear();
+            }
         }
-    } else {
-        if !args.problems {
-            print_tree(&program, &found);
+    }
+    let bad = found.problems.iter().any(|problem| problem.severity == Severity::Error);
+    match (common.json, args.problems) {
+        (true, true) => print_json(&json!({ "problems": found.problems }))?,
+        (true, false) => {
+            let unprintable = |e| Failure::machine(format_args!("the tree is no JSON: {e}"));
+            let mut value = serde_json::to_value(&found).map_err(unprintable)?;
+            if let Some(path) = path {
+                value["tree"] = json!([path]);
+            }
+            print_json(&value)?;
         }
-        print_problems(&found);
+        (false, problems_only) => {
+            if !problems_only {
+                tree::print(&program.name, &found, path.as_ref());
+                note.iter().for_each(|note| say(note));
+            }
+            found.problems.iter().for_each(print_problem);
+        }
     }
     Ok(if bad && args.problems { Exit::Negative } else { Exit::Good })
 }
 
-fn find(tree: &Value, id: u64) -> Option<&Value> {
-    tree.as_array()?.iter().find_map(|node| {
-        let here = node["id"].as_u64() == Some(id);
-        if here {
-            Some(node)
-        } else {
-            find(&node["children"], id).or_else(|| find(&node["toolpaths"], id))
+/// A part of a tree.
+enum Part<'t> {
+    Node(&'t Node),
+    Path(&'t PathEntry),
+}
+
+fn find(nodes: &[Node], id: u64) -> Option<Part<'_>> {
+    nodes.iter().find_map(|node| {
+        if node.id == id {
+            return Some(Part::Node(node));
         }
+        let below = || find(&node.children, id);
+        let path = || node.toolpaths.iter().find(|path| path.id == id).map(Part::Path);
+        let operation = || {
+            node.operation
+                .as_ref()
+                .filter(|operation| operation.id == id)
+                .map(|_| Part::Node(node))
+        };
+        below().or_else(path).or_else(operation)
     })
 }
 
 /// The part of a G-code tree that has a name, or `#line`.
-fn by_name(tree: &Value, path: &str) -> Result<u64, Failure> {
-    fn named(tree: &Value, name: &str, into: &mut Vec<u64>) {
-        for node in tree.as_array().into_iter().flatten() {
-            if node["name"] == name {
-                into.extend(node["id"].as_u64());
+fn by_name(tree: &[Node], path: &str) -> Result<u64, Failure> {
+    fn named(tree: &[Node], name: &str, into: &mut Vec<u64>) {
+        for node in tree {
+            if node.name == name {
+                into.push(node.id);
             }
-            named(&node["children"], name, into);
+            named(&node.children, name, into);
         }
     }
     if let Some(id) = path.strip_prefix('#').and_then(|id| id.parse().ok()) {
@@ -115,93 +134,22 @@ fn by_name(tree: &Value, path: &str) -> Result<u64, Failure> {
     }
 }
 
-fn print_tree(program: &Program, found: &Value) {
-    let s = &found["summary"];
-    let count = |name: &str| s[name].as_u64().unwrap_or(0);
-    say(&format!(
-        "{}: {} {}, {}",
-        program.name,
-        found["kind"].as_str().unwrap_or(""),
-        found["schema"].as_str().unwrap_or(""),
-        found["units"].as_str().unwrap_or("")
-    ));
-    let feeds = count("toolpaths").saturating_sub(count("rapids") + count("dwells"));
-    say(&format!(
-        "{} workingsteps ({} disabled), {} toolpaths = {} rapid + {} feed + {} dwell, {} tools, {} NC functions",
-        count("workingsteps_enabled"),
-        count("workingsteps_disabled"),
-        count("toolpaths"),
-        count("rapids"),
-        feeds,
-        count("dwells"),
-        count("tools"),
-        count("nc_functions")
-    ));
-    print_nodes(&found["tree"], 0);
+fn print_problem(problem: &Problem) {
+    let severity = match problem.severity {
+        Severity::Remark => "remark",
+        Severity::Warning => "warning",
+        Severity::Error => "error",
+    };
+    let place = match problem.line {
+        0 => String::new(),
+        line => format!("{line}:{}: ", problem.column),
+    };
+    let times = match problem.count {
+        0 | 1 => String::new(),
+        times => format!(" ({times} times)"),
+    };
+    say(&format!("{severity}: {place}{}{times}", problem.message));
 }
 
-fn print_nodes(nodes: &Value, depth: usize) {
-    for node in nodes.as_array().into_iter().flatten() {
-        let text = |name: &str| node[name].as_str().unwrap_or("").to_owned();
-        let indent = "  ".repeat(depth);
-        if node.get("kind").is_some() && node.get("type").is_none() {
-            print_path(node, &indent);
-            continue;
-        }
-        let mut line = format!("{indent}{} {} #{}", text("type"), text("name"), node["id"]);
-        match &node["tool"] {
-            Value::Number(n) => line += &format!("  T{n}"),
-            Value::String(name) => line += &format!("  tool {name}"),
-            _ => {}
-        }
-        if node["enabled"] == false {
-            line += "  (disabled)";
-        }
-        if node["twin"] == true {
-            line += "  (as executed)";
-        }
-        say(&line);
-        print_nodes(&node["children"], depth + 1);
-        for path in node["toolpaths"].as_array().into_iter().flatten() {
-            print_path(path, &"  ".repeat(depth + 1));
-        }
-    }
-}
-
-fn print_path(path: &Value, indent: &str) {
-    let mut line = format!("{indent}{:5} #{}", path["kind"].as_str().unwrap_or(""), path["id"]);
-    if let Some(name) = path["name"].as_str().filter(|n| !n.is_empty()) {
-        line += &format!(" {name}");
-    }
-    if let Some(feed) = path["feed_mm_s"].as_f64() {
-        line += &format!("  {:.0} mm/min", feed * 60.0);
-    }
-    match (path["spindle_direction"].as_str(), path["spindle_rpm"].as_f64()) {
-        (Some(direction @ ("cw" | "ccw")), Some(rpm)) => line += &format!("  {rpm:.0} rev/min {direction}"),
-        (Some(direction @ ("cw" | "ccw")), None) => line += &format!("  {direction}"),
-        _ => {}
-    }
-    if let Some(length) = path["length_mm"].as_f64() {
-        line += &format!("  {length:.1} mm");
-    }
-    say(&line);
-}
-
-fn print_problems(found: &Value) {
-    for p in found["problems"].as_array().into_iter().flatten() {
-        let place = match p["line"].as_u64() {
-            Some(line) if line > 0 => format!("{line}:{}: ", p["column"]),
-            _ => String::new(),
-        };
-        let times = if p["count"].as_u64().unwrap_or(1) > 1 {
-            format!(" ({} times)", p["count"])
-        } else {
-            String::new()
-        };
-        say(&format!(
-            "{}: {place}{}{times}",
-            p["severity"].as_str().unwrap_or("warning"),
-            p["message"].as_str().unwrap_or("")
-        ));
-    }
-}
+/// What the tree is printed of.
+type Tree = Inspection;

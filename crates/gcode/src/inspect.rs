@@ -38,6 +38,7 @@ pub fn inspect<P: ProgramStream>(program: &mut P, schema: &str, in_inches: impl 
         },
         tree: reading.open.pop().map(|root| root.children).unwrap_or_default(),
         tools: Vec::new(),
+        dimensions: Vec::new(),
         problems,
     }
 }

@@ -12,6 +12,8 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 
 /// An instance's place in the table of its file, which is sorted by identifier.
+///
+/// It means something to the [`File`] it came from only: another one panics on it, or gives another instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Row(u32);
 
@@ -192,7 +194,12 @@ impl File {
 
     /// All instances that are a `name` (upper case), complex ones included, by identifier.
     pub fn by_keyword(&self, name: &str) -> impl Iterator<Item = Row> + '_ {
-        let wanted = self.names.holding(name);
+        self.by_name(|keyword| holds(keyword, name))
+    }
+
+    /// All instances whose keyword (see [`File::keyword`]) is one that `is_wanted` wants, by identifier; each name is asked for once.
+    pub fn by_name(&self, is_wanted: impl Fn(&str) -> bool) -> impl Iterator<Item = Row> + '_ {
+        let wanted = self.names.wanted(is_wanted);
         self.keywords
             .iter()
             .enumerate()

@@ -71,9 +71,9 @@ impl Keywords {
         &self.names[usize::from(number)]
     }
 
-    /// For each number: is `name` this entity, or a part of this complex one?
-    pub(crate) fn holding(&self, name: &str) -> Vec<bool> {
-        self.names.iter().map(|entry| holds(entry, name)).collect()
+    /// For each number: is its name wanted?
+    pub(crate) fn wanted(&self, is_wanted: impl Fn(&str) -> bool) -> Vec<bool> {
+        self.names.iter().map(|name| is_wanted(name)).collect()
     }
 }
 

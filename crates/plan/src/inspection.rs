@@ -22,6 +22,9 @@ pub struct Inspection {
     /// The tools that the program describes.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tools: Vec<ToolEntry>,
+    /// Sizes, distances and geometric tolerances that the program states.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub dimensions: Vec<DimensionEntry>,
     /// What was found wrong, odd or assumed, one entry a kind.
     pub problems: Vec<Problem>,
 }
@@ -123,6 +126,33 @@ pub struct ToolEntry {
     pub kind: String,
     /// Dimensions and whatever else is said.
     pub values: Vec<NamedValue>,
+}
+
+/// A size, a distance or a geometric tolerance.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct DimensionEntry {
+    /// Its instance.
+    pub id: u64,
+    /// `diameter`, `linear distance`, `flatness tolerance` ...
+    #[serde(rename = "type")]
+    pub kind: String,
+    /// What it is of: the names of the shape aspects.
+    pub of: Vec<String>,
+    /// The nominal value, mm; a geometric tolerance has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nominal_mm: Option<f64>,
+    /// Signed deviation of the smallest good size, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lower_mm: Option<f64>,
+    /// Signed deviation of the largest good size, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub upper_mm: Option<f64>,
+    /// A fit by its name (`H7`), where the program gives no numbers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fit: Option<String>,
+    /// How wide the zone of a geometric tolerance is, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tolerance_mm: Option<f64>,
 }
 
 /// An operation.
@@ -262,10 +292,10 @@ pub struct NamedValue {
     /// Its value.
     #[serde(flatten)]
     pub value: Quantity,
-    /// The smallest good value as the file gives it (`lower limit` of its qualifiers), in the unit of the value.
+    /// The smallest good value, in the unit of the value, where the program gives one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lower_limit: Option<f64>,
-    /// The largest good value as the file gives it, in the unit of the value.
+    /// The largest good value, in the unit of the value, where the program gives one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub upper_limit: Option<f64>,
 }
@@ -311,6 +341,14 @@ impl NamedValue {
             value,
             lower_limit: None,
             upper_limit: None,
+        }
+    }
+
+    /// The unit, when it is a number: one of [`Quantity::Measure`].
+    pub fn unit(&self) -> Option<&'static str> {
+        match self.value {
+            Quantity::Measure { unit, .. } => Some(unit),
+            _ => None,
         }
     }
 

@@ -17,7 +17,7 @@ use crate::curve;
 use crate::expression;
 use crate::model::{
     Dwell, Executable, ExecutableKind, Feature, FeedSetting, Function, MachineFunctions, Operation, Program, Project, Setup,
-    SpindleSetting, Technology, Tool, Toolpath, ToolpathKind,
+    SpindleSetting, Technology, Tool, Toolpath, ToolpathKind, feature_based,
 };
 use crate::unit::ContextUnits;
 use part21::{Row, Value};
@@ -102,7 +102,9 @@ pub(crate) fn read(program: &Program) -> Arm {
         }
     }
     reader.projects();
-    reader.say_what_has_no_toolpaths();
+    if let Some(fault) = feature_based(&reader.out.executables, &reader.out.operations) {
+        program.note(&mut reader.out.found, Severity::Warning, &fault);
+    }
     reader.out
 }
 
@@ -299,13 +301,18 @@ impl Reader<'_> {
             return Ok(());
         }
         let kind = self.aim.keyword(id).to_string();
-        let toolpaths = match self.of_kind(arguments, |keyword| keyword == "TOOLPATH_LIST") {
+        let toolpaths: Vec<u64> = match self.of_kind(arguments, |keyword| keyword == "TOOLPATH_LIST") {
             Some(list) => self
                 .arguments(list)?
                 .first()
                 .map(|list| list.references().collect())
                 .unwrap_or_default(),
-            None => Vec::new(),
+            // Some writers put the paths into the operation itself.
+            None => arguments
+                .iter()
+                .flat_map(Value::references)
+                .filter(|&id| is_toolpath(self.aim.keyword(id)))
+                .collect(),
         };
         if kind == "RAPID_MOVEMENT" {
             self.out.rapid_paths.extend(toolpaths.iter().copied());
@@ -638,31 +645,6 @@ impl Reader<'_> {
         }
         values
     }
-
-    fn say_what_has_no_toolpaths(&mut self) {
-        let steps = self
-            .out
-            .executables
-            .values()
-            .filter(|e| matches!(e.kind, ExecutableKind::Workingstep { .. }))
-            .count();
-        let bare: Vec<u64> = self
-            .out
-            .operations
-            .values()
-            .filter(|o| o.toolpaths.is_empty())
-            .map(|o| o.id)
-            .collect();
-        if let Some(&first) = bare.first() {
-            let message = format!(
-                "{} of {steps} workingsteps are described by features and have no toolpaths: they are shown and cannot be run",
-                bare.len()
-            );
-            let remedy = "let a CAM system compute their toolpaths; none are made up here";
-            let fault = Fault::new(first, "feature-based", message, remedy);
-            self.program.note(&mut self.out.found, Severity::Warning, &fault);
-        }
-    }
 }
 
 /// Entities of operations in parts 11, 12 and later, by the words they end in.
@@ -684,6 +666,13 @@ fn is_operation(keyword: &str) -> bool {
             keyword,
             "THREADING_ROUGH" | "THREADING_FINISH" | "KNURLING" | "BACK_BORING" | "RAPID_MOVEMENT"
         )
+}
+
+fn is_toolpath(keyword: &str) -> bool {
+    keyword.ends_with("_TRAJECTORY")
+        || keyword == "FEEDSTOP"
+        || keyword.starts_with("CONNECT_")
+        || keyword.starts_with("AP_LIFT_PATH")
 }
 
 fn boolean_word(word: &str) -> String {

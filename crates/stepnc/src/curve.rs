@@ -27,8 +27,8 @@ const SAME: f64 = 1e-6;
 /// Composite curves inside composite curves, at most.
 const DEEPEST: usize = 16;
 
-/// Pieces of one toolpath, at most: a file of nested composites can ask for more than anybody could mill.
-const MOST_PIECES: u64 = 50_000_000;
+/// Pieces of one toolpath, at most, besides four for each instance of the file: nested composites can ask for more than anybody could mill.
+const MOST_PIECES: u64 = 100_000;
 
 type P = Point<Setup>;
 type V = Vector<Setup>;
@@ -58,6 +58,8 @@ enum Item {
         curve: u64,
         points: Vec<u64>,
         next: usize,
+        /// Where `points[next]` is, once it was read as the end of the piece before.
+        reached: Option<P>,
     },
     Composite {
         segments: Vec<u64>,
@@ -91,8 +93,13 @@ impl<'f> Pieces<'f> {
     fn step(&mut self) -> Option<Result<Path<Setup>, Fault>> {
         loop {
             match self.state.stack.last_mut()? {
-                Item::Polyline { curve, points, next } => {
-                    let (curve, from) = (*curve, *next);
+                Item::Polyline {
+                    curve,
+                    points,
+                    next,
+                    reached,
+                } => {
+                    let (curve, from, reached) = (*curve, *next, *reached);
                     let Some(after) = points.get(from + 1..).filter(|rest| !rest.is_empty()) else {
                         self.state.stack.pop();
                         continue;
@@ -110,7 +117,19 @@ impl<'f> Pieces<'f> {
                     let group: Vec<u64> = after[..via].to_vec();
                     let start = points[from];
                     *next = from + via + 1;
-                    match self.span(curve, start, &group, end) {
+                    let ends = match reached {
+                        Some(place) => Ok(place),
+                        None => self.point(start),
+                    };
+                    let ends = ends.and_then(|from| Ok((from, self.point(end)?)));
+                    let (from, to) = match ends {
+                        Ok(ends) => ends,
+                        Err(fault) => return Some(Err(fault)),
+                    };
+                    if let Some(Item::Polyline { reached, .. }) = self.state.stack.last_mut() {
+                        *reached = Some(to);
+                    }
+                    match self.span(curve, from, &group, to) {
                         Ok(Some(path)) => return Some(Ok(path)),
                         Ok(None) => {}
                         Err(fault) => return Some(Err(fault)),
@@ -187,6 +206,7 @@ impl<'f> Pieces<'f> {
                     curve: id,
                     points,
                     next: 0,
+                    reached: None,
                 });
                 Ok(None)
             }
@@ -245,8 +265,7 @@ impl<'f> Pieces<'f> {
     }
 
     /// The piece of a polyline from one point over via points to the next.
-    fn span(&self, curve: u64, start: u64, via: &[u64], end: u64) -> Result<Option<Path<Setup>>, Fault> {
-        let (from, to) = (self.point(start)?, self.point(end)?);
+    fn span(&self, curve: u64, from: P, via: &[u64], to: P) -> Result<Option<Path<Setup>>, Fault> {
         let line = Path::Line { from, to };
         let mut places = Vec::with_capacity(via.len());
         for &id in via {
@@ -328,9 +347,14 @@ impl Iterator for Pieces<'_> {
     fn next(&mut self) -> Option<Self::Item> {
         let mut piece = self.step()?;
         self.state.count += 1;
-        if self.state.count > MOST_PIECES {
+        if self.state.count > MOST_PIECES + 4 * self.aim.file.len() as u64 {
             self.state.stack.clear();
-            return None;
+            return Some(Err(Fault::new(
+                0,
+                "curve-nesting",
+                "composite curves repeat their parts over and over: the curve has more pieces than the file could tell",
+                CURVE_REMEDY,
+            )));
         }
         if let Ok(path) = &mut piece {
             if !path.is_sound() {

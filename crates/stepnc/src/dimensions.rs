@@ -3,7 +3,7 @@
 //! Read as AP242 stores them (ISO 10303-47): `DIMENSIONAL_SIZE` of one shape aspect or `DIMENSIONAL_LOCATION` between two, the nominal
 //! value and limits in a `SHAPE_DIMENSION_REPRESENTATION`, deviations in a `PLUS_MINUS_TOLERANCE`. Every length is taken in its own unit,
 //! because one file may hold both. What is not there stays `None`: nothing here is worked out from geometry, a fit is never looked up in
-//! a table, and geometric tolerances (flatness, position ...) are named and not read, because no offset makes them.
+//! a table; geometric tolerances (flatness, position ...) are read with their zone, and no offset makes them.
 
 use crate::aim::{Aim, Fault, text};
 use crate::model::{ExecutableKind, Program};
@@ -18,8 +18,8 @@ use units::{MM_PER_INCH, Millimetres, ToolNumber};
 pub struct Dimensions {
     /// Sizes and distances, in the order of the file.
     pub dimensions: Vec<StatedDimension>,
-    /// Geometric tolerances: instance, entity, name.
-    pub geometric: Vec<(u64, String, String)>,
+    /// Geometric tolerances, in the order of their instances.
+    pub geometric: Vec<GeometricTolerance>,
     /// What could not be read.
     pub diagnostics: Vec<Diagnostic>,
 }
@@ -45,6 +45,21 @@ pub struct StatedDimension {
     pub features: Vec<Feature>,
     /// The enabled workingsteps of the plan that make these features.
     pub workingsteps: Vec<Maker>,
+}
+
+/// A geometric tolerance.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GeometricTolerance {
+    /// Its instance.
+    pub id: u64,
+    /// Its entity: `FLATNESS_TOLERANCE`.
+    pub entity: String,
+    /// Its name.
+    pub name: String,
+    /// The width of its zone.
+    pub magnitude: Option<Millimetres>,
+    /// The shape aspect that it is of: instance and name.
+    pub aspect: Option<(u64, String)>,
 }
 
 /// What kind of thing a dimension measures.
@@ -148,9 +163,10 @@ pub fn dimensions(program: &Program) -> Dimensions {
             None
         }
     });
+    let dimensions = dimensions.collect();
     Dimensions {
-        dimensions: dimensions.collect(),
-        geometric: geometric(program),
+        dimensions,
+        geometric: geometric(&reader),
         diagnostics: diagnostics.as_slice().to_vec(),
     }
 }
@@ -398,7 +414,6 @@ fn makers(program: &Program) -> BTreeMap<u64, Vec<Maker>> {
     let Some(plan) = program.plan() else {
         return makers;
     };
-    let aim = Aim::new(program.file());
     program.walk(plan.main_workplan, &mut |executable, enabled| {
         let ExecutableKind::Workingstep { operation, .. } = &executable.kind else {
             return;
@@ -413,49 +428,42 @@ fn makers(program: &Program) -> BTreeMap<u64, Vec<Maker>> {
             tool: tool.and_then(|t| t.number),
             tool_name: tool.map(|t| t.name.clone()).unwrap_or_default(),
         };
-        let links = aim.links(executable.id);
-        let processes = links
-            .relations
-            .iter()
-            .filter(|r| r.keyword == "MACHINING_FEATURE_RELATIONSHIP");
-        for process in processes.map(|relation| relation.related) {
-            for (action, _) in aim.users_by(process, "PROPERTY_PROCESS", 2) {
-                for (_, association) in aim.users_by(action, "PROCESS_PROPERTY_ASSOCIATION", 2) {
-                    if let Some(feature) = association.argument(3).reference() {
-                        makers.entry(feature).or_default().push(maker.clone());
-                    }
-                }
-            }
+        for &feature in &executable.features {
+            makers.entry(feature).or_default().push(maker.clone());
         }
     });
     makers
 }
 
-/// Geometric tolerances by name.
-fn geometric(program: &Program) -> Vec<(u64, String, String)> {
-    let file = program.file();
+/// Geometric tolerances; one whose magnitude cannot be read has none.
+fn geometric(reader: &Reader) -> Vec<GeometricTolerance> {
+    let file = reader.aim.file;
     let is_geometric = |keyword: &str| keyword.ends_with("_TOLERANCE") && keyword != "PLUS_MINUS_TOLERANCE";
     let mut found = Vec::new();
-    for row in file.rows() {
-        // The keyword of a complex instance holds all its parts; only the parsed one tells which.
-        if !file.keyword(row).contains("_TOLERANCE") {
-            continue;
-        }
+    // The keyword of a complex instance holds all its parts; only the parsed one tells which.
+    for row in file.by_name(|keyword| keyword.contains("_TOLERANCE")) {
         let Ok(instance) = file.instance(row) else { continue };
-        let Some(record) = instance.records().iter().find(|r| is_geometric(&r.keyword)) else {
-            continue;
-        };
-        let name = match &instance {
-            Instance::Simple(record) => record.arguments.first(),
-            Instance::Complex(_) => instance.part("GEOMETRIC_TOLERANCE").and_then(<[Value<'_>]>::first),
-        };
-        let name = name.map(text).unwrap_or_default().into_owned();
-        let record = instance
+        let mut kinds = instance
             .records()
             .iter()
-            .find(|r| is_geometric(&r.keyword) && r.keyword != "GEOMETRIC_TOLERANCE")
-            .unwrap_or(record);
-        found.push((file.id(row), record.keyword.to_string(), name));
+            .map(|r| &r.keyword)
+            .filter(|keyword| is_geometric(keyword));
+        let Some(first) = kinds.next() else { continue };
+        let entity = std::iter::once(first)
+            .chain(kinds)
+            .find(|keyword| *keyword != "GEOMETRIC_TOLERANCE");
+        let entity = entity.unwrap_or(first).to_string();
+        // Name, description, magnitude, aspect.
+        let attributes = reader.aim.attributes(&instance, "GEOMETRIC_TOLERANCE");
+        let reference = |n: usize| attributes.get(n).and_then(Value::reference);
+        let magnitude = reference(2).and_then(|item| reader.aim.measure_of(item, LENGTH, "a tolerance").ok());
+        found.push(GeometricTolerance {
+            id: file.id(row),
+            entity,
+            name: attributes.first().map(text).unwrap_or_default().into_owned(),
+            magnitude: magnitude.map(Millimetres),
+            aspect: reference(3).map(|id| (id, reader.name_of(id))),
+        });
     }
     found
 }

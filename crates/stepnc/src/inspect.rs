@@ -2,10 +2,11 @@
 //!
 //! Lengths of all curves are added up, so every curve is read; what cannot be read is a problem in the answer.
 
+use crate::dimensions::StatedLimits;
 use crate::model::{Executable, ExecutableKind, FeedSetting, Function, Program, SpindleSetting, Tool, Toolpath, ToolpathKind};
 pub use plan::inspection::{
-    FeatureEntry, FunctionEntry, Inspection, NamedValue, Node, OperationEntry, PathEntry, Problem, Quantity, Summary, ToolEntry,
-    ToolName,
+    DimensionEntry, FeatureEntry, FunctionEntry, Inspection, NamedValue, Node, OperationEntry, PathEntry, Problem, Quantity,
+    Summary, ToolEntry, ToolName,
 };
 use plan::{Diagnostics, Severity};
 use std::collections::BTreeSet;
@@ -42,6 +43,7 @@ pub fn inspect(program: &Program) -> Inspection {
         }
         tree.extend(node);
     }
+    let dimensions = inspector.dimensions();
     Inspection {
         kind: if program.is_iso_14649() { "iso-14649" } else { "step-nc" },
         schema: program.schema().to_string(),
@@ -49,6 +51,7 @@ pub fn inspect(program: &Program) -> Inspection {
         summary: inspector.summary,
         tree,
         tools: program.tools().iter().map(tool_entry).collect(),
+        dimensions,
         problems: inspector.problems.as_slice().iter().map(Problem::from).collect(),
     }
 }
@@ -80,7 +83,7 @@ fn tool_entry(tool: &Tool) -> ToolEntry {
 }
 
 /// What a node shows besides its children: the set-up's frames first, then what the file says.
-fn values_of(executable: &Executable) -> Vec<NamedValue> {
+fn values_of(program: &Program, executable: &Executable) -> Vec<NamedValue> {
     let mut values = Vec::new();
     if let Some(setup) = &executable.setup {
         let place = |name: &str, origin: [f64; 3]| NamedValue::new(name, Quantity::Place { place_mm: origin });
@@ -107,7 +110,8 @@ fn values_of(executable: &Executable) -> Vec<NamedValue> {
             }));
         }
     }
-    values.extend(executable.orientation.map(|frame| {
+    // In ISO 14649 it is the place of the feature, which the feature says.
+    values.extend(executable.orientation.filter(|_| !program.is_iso_14649()).map(|frame| {
         let [x, y, z] = frame.origin;
         let turned = if frame.is_shift() { "" } else { ", turned" };
         NamedValue::text("toolpath orientation", format!("moved by ({x} {y} {z}){turned}"))
@@ -167,6 +171,38 @@ struct Inspector<'p> {
 }
 
 impl<'p> Inspector<'p> {
+    fn dimensions(&mut self) -> Vec<DimensionEntry> {
+        let found = crate::dimensions::dimensions(self.program);
+        for diagnostic in found.diagnostics {
+            self.problems.add(diagnostic);
+        }
+        let sizes = found.dimensions.into_iter().map(|stated| {
+            let (lower, upper, fit) = match stated.limits {
+                StatedLimits::Deviations { lower, upper } => (Some(lower.0), Some(upper.0), None),
+                StatedLimits::Fit(fit) => (None, None, Some(fit)),
+                StatedLimits::None => (None, None, None),
+            };
+            DimensionEntry {
+                id: stated.id,
+                kind: stated.word,
+                of: stated.aspects.into_iter().map(|(_, name)| name).collect(),
+                nominal_mm: stated.nominal.map(|nominal| nominal.0),
+                lower_mm: lower,
+                upper_mm: upper,
+                fit,
+                tolerance_mm: None,
+            }
+        });
+        let zones = found.geometric.into_iter().map(|zone| DimensionEntry {
+            id: zone.id,
+            kind: zone.entity.to_lowercase().replace('_', " "),
+            of: zone.aspect.map(|(_, name)| name).into_iter().collect(),
+            tolerance_mm: zone.magnitude.map(|magnitude| magnitude.0),
+            ..DimensionEntry::default()
+        });
+        sizes.chain(zones).collect()
+    }
+
     fn node(&mut self, id: u64, parent_enabled: bool, above: &mut Vec<u64>) -> Option<Node> {
         let program = self.program;
         self.nodes += 1;
@@ -178,6 +214,9 @@ impl<'p> Inspector<'p> {
                 "remove the cycle",
             );
             program.note(&mut self.problems, Severity::Error, &fault);
+            return None;
+        }
+        if program.is_instruction(id) {
             return None;
         }
         let Some(executable) = program.executable(id) else {
@@ -244,7 +283,7 @@ impl<'p> Inspector<'p> {
                 .filter_map(|&id| program.feature(id))
                 .map(feature_entry)
                 .collect(),
-            values: values_of(executable),
+            values: values_of(program, executable),
             time_s: None,
         })
     }

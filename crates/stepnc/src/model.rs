@@ -500,6 +500,15 @@ impl Program {
         self.features.get(&id)
     }
 
+    /// Does it tell a person how to set up, or what is made, and is no step of the program?
+    pub(crate) fn is_instruction(&self, id: u64) -> bool {
+        let aim = self.aim();
+        let of_kind = |keyword| aim.is(id, keyword);
+        of_kind("MACHINING_FEATURE_PROCESS")
+            || of_kind("MACHINING_OPERATOR_INSTRUCTION")
+            || (of_kind("MACHINING_PROCESS_EXECUTABLE") && !self.executables.contains_key(&id))
+    }
+
     /// The values that variables have before the program, by their names.
     pub fn initial_values(&self) -> &BTreeMap<String, f64> {
         &self.initial_values
@@ -763,16 +772,38 @@ impl Executable {
     }
 }
 
-/// The number of a tool in `7`, `T07`, `Tool 7`; none in `12 mm R0.5` or `MILL 18MM`, which describe it.
+/// What to say when workingsteps have operations without toolpaths: they are shown, and what they would need is not made up.
+pub(crate) fn feature_based(executables: &BTreeMap<u64, Executable>, operations: &BTreeMap<u64, Operation>) -> Option<Fault> {
+    let mut steps = 0;
+    let mut bare: Vec<u64> = Vec::new();
+    for executable in executables.values().filter(|executable| executable.twin.is_none()) {
+        let ExecutableKind::Workingstep { operation, .. } = executable.kind else {
+            continue;
+        };
+        steps += 1;
+        let operation = operation.and_then(|id| operations.get(&id));
+        bare.extend(
+            operation
+                .filter(|o| o.toolpaths.is_empty() && !o.is_rapid_movement())
+                .map(|o| o.id),
+        );
+    }
+    let message = format!(
+        "{} of {steps} workingsteps are described by features and have no toolpaths: they are shown and cannot be run",
+        bare.len()
+    );
+    let remedy = "let a CAM system compute their toolpaths; none are made up here";
+    Some(Fault::new(*bare.first()?, "feature-based", message, remedy))
+}
+
+/// The number of a tool in `7`, `T07`, `Tool 7`, `T5 face mill`, `3: drill`; none in `12 mm R0.5` or `MILL 18MM`, which describe it.
 pub(crate) fn number_in(text: &str) -> Option<ToolNumber> {
     let text = text.trim();
-    let digits = text.trim_start_matches(|c: char| !c.is_ascii_digit());
-    let before = text[..text.len() - digits.len()]
-        .trim_matches(|c: char| !c.is_alphanumeric())
-        .to_ascii_lowercase();
-    let is_number = !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit());
+    let from_digits = text.trim_start_matches(|c: char| !c.is_ascii_digit());
+    let before = text[..text.len() - from_digits.len()].trim_matches(|c: char| !c.is_alphanumeric());
+    let digits = from_digits.bytes().take_while(u8::is_ascii_digit).count();
+    let behind = &from_digits[digits..];
     let words = [
-        "",
         "t",
         "tool",
         "tool number",
@@ -784,11 +815,42 @@ pub(crate) fn number_in(text: &str) -> Option<ToolNumber> {
         "place",
         "werkzeug",
     ];
-    (is_number && words.contains(&before.as_str()))
-        .then(|| digits.parse().ok().map(ToolNumber))
+    let is_number = match before.to_ascii_lowercase().as_str() {
+        // A bare number is one only when nothing or a mark comes behind it.
+        "" => behind.is_empty() || behind.starts_with([':', ',', ';']),
+        word => words.contains(&word) && !behind.starts_with(|c: char| c.is_alphanumeric() || c == '.'),
+    };
+    is_number
+        .then(|| from_digits[..digits].parse().ok().map(ToolNumber))
         .flatten()
 }
 
 pub(crate) fn small(number: u64) -> u32 {
     u32::try_from(number).unwrap_or(u32::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tool_number_is_told_from_a_description() {
+        for (text, number) in [
+            ("7", Some(7)),
+            ("T07", Some(7)),
+            (" Tool 12 ", Some(12)),
+            ("T5 face mill", Some(5)),
+            ("T3-DRILL", Some(3)),
+            ("3: drill 5 mm", Some(3)),
+            ("12 mm R0.5", None),
+            ("MILL 18MM", None),
+            ("12.5", None),
+            ("T2.5", None),
+            ("fly cutter", None),
+            ("99999999999", None),
+            ("", None),
+        ] {
+            assert_eq!(number_in(text), number.map(ToolNumber), "{text:?}");
+        }
+    }
 }

@@ -97,16 +97,27 @@ impl Aim<'_> {
             return;
         };
         let scale = self.unit_of_measure(item).map_or(1.0, |unit| unit.factor) * factor;
+        let nominal = value.number().unwrap_or_default();
         for qualifier in qualifiers.references() {
             let Ok(qualifier) = self.instance(qualifier) else { continue };
-            let Some(arguments) = qualifier.part("STANDARD_UNCERTAINTY") else {
-                continue;
-            };
-            let number = arguments.iter().rev().find_map(Value::number).map(|number| number * scale);
-            match arguments.first().and_then(Value::text) {
-                Some("upper limit") => value.upper_limit = number,
-                Some("lower limit") => value.lower_limit = number,
-                _ => {}
+            if let Some(arguments) = qualifier.part("STANDARD_UNCERTAINTY") {
+                // Both are sizes of a deviation: 80 with 0.1 and 0.1 is 79.9 to 80.1 (ISO 10303-238, 5.2.2.4.2).
+                let size = arguments
+                    .iter()
+                    .rev()
+                    .find_map(Value::number)
+                    .map(|number| (number * scale).abs());
+                match arguments.first().and_then(Value::text) {
+                    Some("upper limit") => value.upper_limit = size.map(|size| nominal + size),
+                    Some("lower limit") => value.lower_limit = size.map(|size| nominal - size),
+                    _ => {}
+                }
+            } else if let Some(arguments) = qualifier.part("TYPE_QUALIFIER") {
+                match arguments.first().and_then(Value::text) {
+                    Some("maximum") => value.upper_limit = Some(nominal),
+                    Some("minimum") => value.lower_limit = Some(nominal),
+                    _ => {}
+                }
             }
         }
     }

@@ -100,6 +100,8 @@ struct Run {
     spindle: SpindleState,
     coolant: CoolantState,
     path_mode: PathMode,
+    /// Height in the set-up that the next link has to reach: a connection over the security plane was passed.
+    clearance: Option<Millimetres>,
 }
 
 /// What is left to do, innermost last.
@@ -150,6 +152,9 @@ enum Pending {
         expression: Expression,
     },
 }
+
+/// Executables inside executables, at most: no plan for people is deeper, and each level costs a look at all above it.
+const DEEPEST: usize = 1000;
 
 /// Turns of a loop, or other structure, without a single step: then it will never have one.
 const MOST_IDLE: u32 = 1_000_000;
@@ -252,6 +257,7 @@ impl Run {
             spindle: SpindleState::Stopped,
             coolant: CoolantState::default(),
             path_mode: PathMode::Tolerance(None),
+            clearance: None,
         }
     }
 }
@@ -382,6 +388,9 @@ impl<'s> Walker<'s> {
     fn execute(&mut self, id: u64) -> Outcome {
         let program = self.program;
         let Some(executable) = program.executable(id) else {
+            if program.is_instruction(id) {
+                return Ok(None); // for the person who sets up, before the program
+            }
             return Err(Fault::new(
                 id,
                 "not-executable",
@@ -397,6 +406,10 @@ impl<'s> Walker<'s> {
             .is_none_or(|&root| program.executable(root).is_some_and(|root| root.twin.is_some()));
         if !executable.enabled || (executable.twin.is_some() && !in_twin) {
             return Ok(None);
+        }
+        if self.run.scopes.len() >= DEEPEST {
+            let message = format!("executables are nested more than {DEEPEST} deep");
+            return Err(Fault::new(id, "nesting", message, "flatten the workplans"));
         }
         if self.run.scopes.contains(&id) {
             return Err(Fault::new(
@@ -481,6 +494,12 @@ impl<'s> Walker<'s> {
                 self.enter(executable, Some(Level::Workingstep));
                 self.begin(Level::Operation, operation.id, &operation.name, None);
                 self.run.tasks.push(Task::End(Level::Operation, operation.id));
+                if operation.toolpaths.is_empty() && operation.is_rapid_movement() {
+                    let message = format!("rapid movement '{}' says not where to, and is passed over", operation.name);
+                    let fault = Fault::new(operation.id, "no-place", message, "give it a toolpath");
+                    program.note(&mut self.run.diagnostics, Severity::Warning, &fault);
+                    return Ok(None);
+                }
                 if operation.toolpaths.is_empty() {
                     return unsupported(
                         "no-toolpaths",

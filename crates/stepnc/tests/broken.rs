@@ -100,6 +100,66 @@ fn loops_without_an_end_and_trees_without_a_bottom_come_to_an_alarm() {
     }
 }
 
+#[test]
+fn workplans_a_hundred_thousand_deep_come_to_an_alarm() {
+    let mut data = String::new();
+    for n in 0..100_000u64 {
+        let (id, next) = (1000 + 2 * n, 1000 + 2 * (n + 1));
+        data += &format!(
+            "#{id}=MACHINING_WORKPLAN('w','','','');\n#{}=MACHINING_PROCESS_SEQUENCE_RELATIONSHIP('','',#{id},#{next},1.);\n",
+            id + 1
+        );
+    }
+    data += "#201000=MACHINING_WORKPLAN('last','','','');\n";
+    let program = Program::read("deep.stpnc", file_of(&data).into_bytes()).expect("a Part 21 file");
+    assert!(
+        inspect(&program)
+            .problems
+            .iter()
+            .any(|problem| problem.code == "endless-tree")
+    );
+    let mut stream = StepNcStream::new(Arc::new(program), StreamOptions::default());
+    let alarm = (0..10_000).find_map(|_| match stream.next(None) {
+        Next::Alarm(alarm) => Some(alarm.to_string()),
+        _ => None,
+    });
+    assert!(alarm.is_some_and(|alarm| alarm.contains("nested more than 1000 deep")));
+}
+
+#[test]
+fn a_curve_of_curves_that_doubles_at_each_level_or_holds_itself_is_a_fault() {
+    let mut doubling = String::from("#200=COMPOSITE_CURVE('',(#300,#300),.F.);\n");
+    for n in 0..14u64 {
+        let (segment, curve) = (300 + 2 * n, 301 + 2 * n);
+        doubling += &format!("#{segment}=COMPOSITE_CURVE_SEGMENT(.CONTINUOUS.,.T.,#{curve});\n");
+        if n < 13 {
+            let next = segment + 2;
+            doubling += &format!("#{curve}=COMPOSITE_CURVE('',(#{next},#{next},#{next}),.F.);\n");
+        }
+    }
+    doubling +=
+        "#327=POLYLINE('',(#400,#401,#400));\n#400=CARTESIAN_POINT('',(0.,0.,0.));\n#401=CARTESIAN_POINT('',(1.,0.,0.));\n";
+    let itself = "#200=COMPOSITE_CURVE('',(#300,#300),.F.);\n#300=COMPOSITE_CURVE_SEGMENT(.CONTINUOUS.,.T.,#200);\n";
+    for data in [doubling.as_str(), itself] {
+        let inspection = inspect(&one_path(data, 7));
+        assert!(
+            inspection.problems.iter().any(|problem| problem.code == "curve-nesting"),
+            "{:?}",
+            inspection.problems
+        );
+    }
+}
+
+/// An ISO 14649 file with toolpaths and control structures.
+const ARM: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../fuzz/seeds/stepnc/arm.stp"));
+
+#[test]
+fn the_unbroken_arm_file_is_read() {
+    let program = Program::read("arm.stp", ARM.as_bytes().to_vec()).expect("a Part 21 file");
+    assert!(program.is_iso_14649() && inspect(&program).summary.toolpaths > 0);
+    use_in_every_way(ARM.as_bytes().to_vec());
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 250, failure_persistence: None, ..ProptestConfig::default() })]
 
@@ -117,6 +177,19 @@ proptest! {
         }
         if truncate == 0 {
             bytes.truncate(cut.index(bytes.len()));
+        }
+        use_in_every_way(bytes);
+    }
+
+    #[test]
+    fn no_mutation_of_an_arm_file_panics(
+        changes in prop::collection::vec((any::<prop::sample::Index>(), prop::sample::select(b"'#;(),*=$.0123456789-E T".to_vec())), 0..12),
+    ) {
+        let mut bytes = ARM.as_bytes().to_vec();
+        let data = bytes.windows(5).position(|window| window == b"DATA;").expect("it has data");
+        for (place, byte) in changes {
+            let place = data + 5 + place.index(bytes.len() - data - 5);
+            bytes[place] = byte;
         }
         use_in_every_way(bytes);
     }

@@ -51,9 +51,16 @@ fn the_size_of_the_plate_has_its_nominal_and_both_deviations() {
         [],
         "no feature of the file leads from the wall to a workingstep"
     );
+    let [flatness] = &read.geometric[..] else {
+        panic!("{:?}", read.geometric)
+    };
     assert_eq!(
-        read.geometric,
-        [(805, "FLATNESS_TOLERANCE".to_owned(), "flatness top".to_owned())]
+        (flatness.id, flatness.entity.as_str(), flatness.name.as_str()),
+        (805, "FLATNESS_TOLERANCE", "flatness top")
+    );
+    assert_eq!(
+        (flatness.magnitude, flatness.aspect.clone()),
+        (Some(Millimetres(0.03)), Some((803, "top face".to_owned())))
     );
     assert_eq!(read.diagnostics, []);
 }

@@ -90,7 +90,7 @@ fn proposal(program: &Program, found: &Dimensions, number: Option<u32>) -> Propo
         found
             .geometric
             .iter()
-            .map(|(id, entity, name)| format!("#{id} {name:?} ({entity}): no offset makes it")),
+            .map(|t| format!("#{} {:?} ({}): no offset makes it", t.id, t.name, t.entity)),
     );
     left_out.extend(found.diagnostics.iter().map(ToString::to_string));
     let inches = !stated.is_empty() && stated.iter().all(|(_, unit)| *unit == StatedUnit::Inch);

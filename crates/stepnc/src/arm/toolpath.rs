@@ -49,7 +49,13 @@ pub(crate) fn read_toolpath(program: &Program, toolpath: &mut Toolpath) {
         }
         "CUTTER_LOCATION_TRAJECTORY" | "CUTTER_CONTACT_TRAJECTORY" => {
             toolpath.reversed = argument(5).boolean() == Some(false);
-            toolpath.curve = argument(6).reference().map(|curve| (toolpath.id, curve));
+            let is_curve = |id: &u64| {
+                let keyword = aim.keyword(*id);
+                keyword == "POLYLINE" || keyword.contains("CURVE")
+            };
+            let curve = argument(6).reference();
+            let curve = curve.or_else(|| arguments.iter().filter_map(|value| value.reference()).find(is_curve));
+            toolpath.curve = curve.map(|curve| (toolpath.id, curve));
             toolpath.tilted = argument(7).reference().is_some_and(|axis| curve::is_tilted(aim, axis));
         }
         _ => {}

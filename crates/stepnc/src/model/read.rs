@@ -69,10 +69,13 @@ impl Builder {
         for keyword in [
             WORKPLAN,
             "MACHINING_WORKINGSTEP",
-            "MACHINING_PROCESS_EXECUTABLE",
             "MACHINING_NC_FUNCTION",
+            "MACHINING_PROCESS_EXECUTABLE", // the supertype of the others: last
         ] {
             for row in aim.file.by_keyword(keyword) {
+                if executables.contains_key(&aim.file.id(row)) {
+                    continue;
+                }
                 match self.executable(program, aim.file.id(row), keyword, &mut operations) {
                     Ok(Some(executable)) => {
                         self.used.extend(executable.children());
@@ -184,7 +187,16 @@ impl Builder {
                 );
             }
             projects.splice(0..0, found);
-            if projects.is_empty() {
+            if projects.is_empty() && aim.file.by_keyword("CRTPNT").next().is_some() {
+                self.found.add(
+                    Diagnostic::error(
+                        "short-names",
+                        "the file is written with short entity names (CRTPNT for CARTESIAN_POINT), which are not read",
+                    )
+                    .in_file(program.name.clone())
+                    .remedy("export it with long entity names; a CAM system has an option for that"),
+                );
+            } else if projects.is_empty() {
                 let message = format!("the file has no machining program in it (schema {})", program.schema);
                 self.found.add(
                     Diagnostic::error("no-program", message)
@@ -197,6 +209,9 @@ impl Builder {
     }
 
     fn check_structure(&mut self, program: &Program) {
+        if let Some(fault) = feature_based(&program.executables, &program.operations) {
+            program.note(&mut self.found, Severity::Warning, &fault);
+        }
         for executable in program.executables.values() {
             if matches!(&executable.kind, ExecutableKind::Workplan(children) if children.is_empty()) && executable.twin.is_none()
             {
@@ -279,7 +294,7 @@ impl Builder {
             (_, "setup instructions") => return Ok(None),
             _ => ExecutableKind::Unknown(description),
         };
-        let enabled = property_text(aim, &links, "enabled").is_none_or(|value| value != "disabled");
+        let enabled = property_text(aim, &links, "enabled").is_none_or(|value| !value.eq_ignore_ascii_case("disabled"));
         let mut note = |fault: &Fault| program.note(&mut self.found, Severity::Warning, fault);
         let orientation = match links
             .property("toolpath orientation")
@@ -365,7 +380,8 @@ fn operation_kind(keyword: &str) -> String {
 }
 
 /// Properties of executables that are not shown as named data: they have a place of their own, or belong to the kind.
-const EXECUTABLE_WORDS: [&str; 11] = [
+const EXECUTABLE_WORDS: [&str; 12] = [
+    "twin worktime",
     "enabled",
     "condition",
     "lvalue",

@@ -40,7 +40,10 @@ impl Walker<'_> {
             }
         }
         if toolpath.kind != ToolpathKind::Dwell && toolpath.is_connection() {
-            // It says that the tool goes to the next path and not how: the link does.
+            // It says that the tool goes to the next path and not how: the link does, over the security plane where it says so.
+            if toolpath.description == "connect security plane" {
+                self.run.clearance = self.security_plane();
+            }
             return Ok(());
         }
         let technology = toolpath
@@ -173,6 +176,19 @@ impl Walker<'_> {
         Ok(())
     }
 
+    /// The height of the nearest security plane, where paths are not turned or moved against the set-up that it is written in.
+    fn security_plane(&self) -> Option<Millimetres> {
+        let program = self.program;
+        let around: Vec<&Executable> = self.run.scopes.iter().filter_map(|&id| program.executable(id)).collect();
+        if around.iter().any(|executable| executable.orientation.is_some()) {
+            return None;
+        }
+        around.iter().rev().find_map(|executable| {
+            let of_setup = executable.setup.as_ref().and_then(|setup| setup.security_plane);
+            executable.security_plane.or(of_setup)
+        })
+    }
+
     /// Moves from where the tip is to where a path begins: rapid, out along the retract axis to the farther of the two, across, in.
     ///
     /// A gap within the rounding of the file is no link: a line begins where the tip is, any other piece is reached at its own speed.
@@ -196,7 +212,10 @@ impl Walker<'_> {
             *from = tip;
             return;
         }
-        let clear = tip.xyz[retract_axis].max(start.xyz[retract_axis]);
+        let mut clear = tip.xyz[retract_axis].max(start.xyz[retract_axis]);
+        if let Some(height) = self.run.clearance.take().filter(|_| retract_axis == 2) {
+            clear = clear.max(height.0);
+        }
         let above = |place: Point<Setup>| {
             let mut place = place;
             place.xyz[retract_axis] = clear;

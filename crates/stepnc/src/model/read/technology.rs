@@ -92,7 +92,9 @@ fn spindle(aim: Aim, representation: u64) -> Result<Option<SpindleSetting>, Faul
 
 pub(super) fn functions(aim: Aim, id: u64) -> MachineFunctions {
     let links = aim.links(id);
-    let says = |property: &str, value: &str| property_text(aim, &links, property).is_some_and(|text| text == value);
+    let says = |property: &str, value: &str| {
+        property_text(aim, &links, property).is_some_and(|text| text.trim().eq_ignore_ascii_case(value))
+    };
     let on = says("coolant", "coolant on");
     let kind = property_text(aim, &links, "coolant type").unwrap_or_default();
     let mut functions = MachineFunctions {

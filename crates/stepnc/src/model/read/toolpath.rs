@@ -18,12 +18,17 @@ pub(in crate::model) fn read_toolpath(program: &Program, toolpath: &mut Toolpath
     toolpath.functions = links.related("MACHINING_FUNCTIONS_RELATIONSHIP");
     toolpath.twin = twin_facts(aim, &links, true);
     toolpath.trajectory = property_text(aim, &links, "trajectory type").unwrap_or_default();
-    toolpath.reversed = property_text(aim, &links, "direction").is_some_and(|direction| direction == "end to beginning");
+    toolpath.reversed =
+        property_text(aim, &links, "direction").is_some_and(|direction| direction.eq_ignore_ascii_case("end to beginning"));
     toolpath.values = values_of(aim, &links, &KNOWN);
     let mut read = || -> Result<(), Fault> {
         if let Some(representation) = links.property("basic curve") {
             let representation = aim.representation(representation)?;
-            toolpath.curve = representation.items.first().map(|&curve| (representation.id, curve));
+            // A placement or a point beside the curve is not it.
+            let is_curve = |&&item: &&u64| !curve::is_placement(aim, item) && aim.keyword(item) != "CARTESIAN_POINT";
+            let items = &representation.items;
+            let curve = items.iter().find(is_curve).or(items.first());
+            toolpath.curve = curve.map(|&curve| (representation.id, curve));
             toolpath.context = representation.context;
         }
         if let Some(representation) = links.property("tool axis")
@@ -56,7 +61,8 @@ pub(in crate::model) fn read_toolpath(program: &Program, toolpath: &mut Toolpath
 }
 
 /// Properties with a place of their own in [`Toolpath`].
-const KNOWN: [&str; 11] = [
+const KNOWN: [&str; 12] = [
+    "twin worktime",
     "basic curve",
     "tool axis",
     "tool reference direction",
@@ -105,8 +111,8 @@ fn speed_profile(aim: Aim, representation: u64) -> Result<Option<SpeedProfile>, 
     };
     if aim.keyword(item) == "DESCRIPTIVE_REPRESENTATION_ITEM" {
         return match aim.description(item).as_deref() {
-            Some("rapid") => Ok(None),
-            _ if aim.item_name(item) == "rapid" => Ok(None),
+            Some(speed) if speed.trim().eq_ignore_ascii_case("rapid") => Ok(None),
+            _ if aim.item_name(item).eq_ignore_ascii_case("rapid") => Ok(None),
             _ => Err(fault("the only speed that has a name is 'rapid'")),
         };
     }
@@ -124,7 +130,15 @@ fn speed_profile(aim: Aim, representation: u64) -> Result<Option<SpeedProfile>, 
             .collect();
         return Ok(Some(SpeedProfile { points }));
     }
-    let ratio = aim.measure_of(item, unit::NUMBER, "a speed profile")?;
+    // A ratio is the same in every unit of ratios, and some write none.
+    let bare = || {
+        aim.named_item(String::new(), item, None)
+            .filter(|value| value.unit() == Some(""))
+    };
+    let ratio = match aim.measure_of(item, unit::NUMBER, "a speed profile") {
+        Ok(ratio) => ratio,
+        Err(fault) => bare().and_then(|value| value.number()).ok_or(fault)?,
+    };
     if ratio <= 0.0 {
         return Err(fault("a feed multiplier is not above 0"));
     }
