@@ -14,7 +14,7 @@ mod support;
 
 use plan::{Arc, Path, PathMode, StepKind};
 use std::f64::consts::PI;
-use support::{feed_move, line, plan, polyline, program, reference};
+use support::{feed_move, jerk_limited, line, plan, polyline, program};
 use units::{Millimetres, Point, Radians, Vector};
 
 fn arc(from: [f64; 3], centre: [f64; 3], sweep: f64) -> Path<units::Setup> {
@@ -88,7 +88,7 @@ fn main() {
     };
     let circ = |feed: f64| vec![feed_move(arc([20., 0., 0.], [0.; 3], 2.0 * PI), feed)];
 
-    println!("path    feed   blocks    time   TOPP-RA  ratio  LinuxCNC  deviation  v ratio  a ratio  blocks/s");
+    println!("path    feed   blocks    time   TOPP-RA  ratio  LinuxCNC  deviation  v ratio  a ratio  j ratio  blocks/s");
     for (feed, references) in [
         (
             6000.0,
@@ -122,18 +122,22 @@ fn main() {
             ("zig", zig[0], polyline(&zig, feed, tolerance)),
         ];
         for ((name, start, steps), (optimum, linuxcnc)) in cases.into_iter().zip(references) {
+            if std::env::args().nth(1).is_some_and(|only| only != name) {
+                continue;
+            }
             let began = std::time::Instant::now();
-            let planned = plan(program(steps), start, reference(0.01));
+            let planned = plan(program(steps), start, jerk_limited(0.01));
             let took = began.elapsed().as_secs_f64();
             let s = planned.statistics;
             println!(
-                "{name:7} {feed:5.0} {:8} {:7.3} {optimum:8.3} {:7.3} {linuxcnc:8.3} {:10.4} {:8.5} {:8.5} {:9.0}",
+                "{name:7} {feed:5.0} {:8} {:7.3} {optimum:8.3} {:7.3} {linuxcnc:8.3} {:10.4} {:8.5} {:8.5} {:8.5} {:9.0}",
                 s.blocks,
                 s.time.0,
                 s.time.0 / optimum,
                 s.max_deviation.0,
                 s.worst_speed_ratio,
                 s.worst_acceleration_ratio,
+                s.worst_jerk_ratio.unwrap_or(0.0),
                 s.blocks as f64 / took
             );
         }

@@ -21,6 +21,8 @@
 //! that is continuous as well); the stages around them stay.
 
 mod blend;
+mod jerk;
+mod planner;
 pub mod profile;
 pub mod sample;
 pub mod smooth;
@@ -72,4 +74,6 @@ pub struct Statistics {
     pub worst_speed_ratio: f64,
     /// Largest acceleration of a sample against the axis's limit. Second backward difference of positions, at rest before and after.
     pub worst_acceleration_ratio: f64,
+    /// Largest jerk of a sample against the axis's limit, where there is one. Third backward difference, at rest before and after.
+    pub worst_jerk_ratio: Option<f64>,
 }
