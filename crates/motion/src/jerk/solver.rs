@@ -87,6 +87,11 @@ impl Loads {
             jerk: [f(self.jerk[0], other.jerk[0]), f(self.jerk[1], other.jerk[1])],
         }
     }
+    fn worst(&self) -> f64 {
+        let [a, b] = self.cap;
+        let [c, d] = self.jerk;
+        a.max(b).max(c).max(d).max(self.acceleration)
+    }
     fn all(self, f: impl Fn(f64) -> bool) -> bool {
         f(self.cap[0]) && f(self.cap[1]) && f(self.acceleration) && f(self.jerk[0]) && f(self.jerk[1])
     }
@@ -180,12 +185,12 @@ impl Window<'_> {
         }
     }
 
-    /// True when the values are within all limits from interval `from` on.
-    pub(super) fn fits(&mut self, from: usize) -> bool {
+    /// Largest load from interval `from` on.
+    pub(super) fn worst_from(&mut self, from: usize) -> f64 {
         self.tie_ends();
         let mut loads = vec![];
         self.loads(&mut loads);
-        loads[from..].iter().all(|load| load.all(|l| l < 0.9995))
+        loads[from..].iter().map(Loads::worst).fold(0.0, f64::max)
     }
 
     /// Makes the intervals' values the fastest ones within the limits, from the guess in them.
@@ -279,9 +284,7 @@ impl Window<'_> {
                 share_of_time = (share_of_time * fall).max(BARRIER_LAST);
             }
         }
-        let worst = loads
-            .iter()
-            .map(|l| l.cap[0].max(l.cap[1]).max(l.acceleration).max(l.jerk[0]).max(l.jerk[1]));
+        let worst = loads.iter().map(Loads::worst);
         Solved {
             worst: worst.fold(0.0, f64::max),
             steps,

@@ -608,18 +608,18 @@ impl Stretch {
             }
         }
         creep *= 0.3;
-        for _ in 0..60 {
+        let mut before = f64::INFINITY;
+        for _ in 0..40 {
             for interval in &mut intervals[known..] {
                 interval.value = creep;
             }
-            let mut window = Window {
-                borders,
-                intervals,
-                begin,
-            };
-            if window.fits(known.saturating_sub(3)) {
+            let mut window = Window { borders, intervals, begin };
+            let worst = window.worst_from(known.saturating_sub(3));
+            // What does not become less is not the creep's.
+            if worst < 0.9995 || worst > 0.98 * before {
                 break;
             }
+            before = worst;
             creep *= 0.3;
         }
     }
