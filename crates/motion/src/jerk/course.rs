@@ -6,7 +6,7 @@
 //! How far a joint reaches is decided in [`Course::settle`], as soon as enough of the path behind it is known: as far as the tolerance
 //! allows, all joints added up.
 
-use super::kernel::{EASING_PEAK, ROUNDING_PEAK, easing, rounding, rounding_value};
+use super::kernel::{EASING_PEAK, Jet, ROUNDING_PEAK, SWING_PEAK, easing, rounding, rounding_value, swing};
 use super::vector::{V3, add_scaled, length, minus, scaled};
 use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece, SLOWEST_SHARE};
 use plan::Path;
@@ -73,6 +73,37 @@ struct Joint {
 
 /// Place and the first three derivatives by `s`.
 pub(super) type Place = [V3; 4];
+
+/// Turns from here on (the length of the step of the tangent; 29 degrees) are corners: the machine all but stops in them.
+const CORNER: f64 = 0.5;
+
+impl Joint {
+    fn is_corner(&self) -> bool {
+        self.sizes[0] >= CORNER
+    }
+
+    /// What is added to the path for each step of the tangent.
+    fn rounding(&self, d: f64) -> Jet {
+        if self.is_corner() {
+            swing(d, self.half)
+        } else {
+            rounding(d, self.half)
+        }
+    }
+
+    /// Its value alone, if it reached so far.
+    fn rounding_value(&self, d: f64, half: f64) -> f64 {
+        if self.is_corner() {
+            swing(d, half)[0]
+        } else {
+            rounding_value(d, half)
+        }
+    }
+
+    fn peak(&self) -> f64 {
+        if self.is_corner() { SWING_PEAK } else { ROUNDING_PEAK }
+    }
+}
 
 /// One stretch.
 #[derive(Debug, Default)]
@@ -231,7 +262,9 @@ impl Course {
     /// The largest reach of joint `k` with which it and its neighbours, all reaching as far, stay within the tolerance at it.
     fn widest(&self, k: usize, end: f64) -> f64 {
         let joint = &self.joints[k];
-        let tolerance = SHARE * self.tolerance_at(k);
+        // Alone it may use all of it.
+        let share = if joint.is_corner() { 0.995 } else { SHARE };
+        let tolerance = share * self.tolerance_at(k);
         let count = self.joints.len();
         let neighbour = |other: Option<&Joint>, else_to: f64| other.map_or((else_to - joint.s).abs(), |o| (o.s - joint.s).abs());
         let by_count = neighbour(k.checked_sub(REACH).and_then(|j| self.joints.get(j)), 0.0)
@@ -239,37 +272,55 @@ impl Course {
             .min(FARTHEST.max(FARTHEST_SHARE * tolerance))
             .min(joint.s)
             .min(end - joint.s);
-        let mut half = by_count;
-        while half > 0.0 {
+        let off = |half: f64| {
             let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(count));
             let mut off = [0.0; 3];
             for other in self.joints.range(low..high) {
                 let d = joint.s - other.s;
                 if d.abs() < half {
-                    add_scaled(&mut off, other.turn, rounding_value(d, half));
+                    add_scaled(&mut off, other.turn, other.rounding_value(d, half));
                     if other.sizes[1] > 0.0 {
                         add_scaled(&mut off, other.bend, easing(d, half)[0]);
                     }
                 }
             }
             // An easing is 0 at its own joint, and largest beside it.
-            let own = joint.sizes[1] * EASING_PEAK * half * half;
-            if length(off) <= tolerance && own <= tolerance {
-                break;
-            }
-            // Alone it needs no more than this.
-            let alone = joint.sizes[0] * ROUNDING_PEAK * half;
-            let next = half * FINER;
-            half = if alone > tolerance {
-                next.min(half * tolerance / alone)
-            } else {
-                next
-            };
+            length(off).max(joint.sizes[1] * EASING_PEAK * half * half) / tolerance
+        };
+        let mut half = by_count;
+        let mut load = off(half);
+        if half <= 0.0 || load <= 1.0 {
+            return half.max(0.0);
+        }
+        // What is off grows with the reach of one corner, and with the square of the reach over a bend.
+        let mut over = half;
+        for _ in 0..40 {
+            over = half;
+            let alone = joint.sizes[0] * joint.peak() * half / tolerance;
+            half *= FINER.min(if alone > 1.0 { 1.02 / alone } else { 1.0 }).max(0.9 / load);
             if half < 1e-9 {
                 return 0.0;
             }
+            load = off(half);
+            if load <= 1.0 {
+                break;
+            }
         }
-        half
+        // The reach itself, not a step of the search: neighbours on an even bend have to reach evenly.
+        let (mut low, mut high) = (half, over);
+        for _ in 0..7 {
+            if high < 1.002 * low {
+                break;
+            }
+            let middle = (low * libm::sqrt(1.0 / load)).clamp(low + 0.1 * (high - low), high - 0.1 * (high - low));
+            let there = off(middle);
+            if there <= 1.0 {
+                (low, load) = (middle, there);
+            } else {
+                high = middle;
+            }
+        }
+        low
     }
 
     /// What the joints around span `k` add at `s`, with these reaches.
@@ -279,7 +330,7 @@ impl Course {
         for (joint, half) in self.joints.range(low..high).zip(&reach[low..high]) {
             let d = s - joint.s;
             if d.abs() < *half {
-                add_scaled(&mut off, joint.turn, rounding_value(d, *half));
+                add_scaled(&mut off, joint.turn, joint.rounding_value(d, *half));
                 if joint.sizes[1] > 0.0 {
                     add_scaled(&mut off, joint.bend, easing(d, *half)[0]);
                 }
@@ -306,7 +357,7 @@ impl Course {
         for joint in self.joints.range(low..high) {
             let d = s - joint.s;
             if d.abs() < joint.half {
-                let jet = rounding(d, joint.half);
+                let jet = joint.rounding(d);
                 for (derivative, factor) in place.iter_mut().zip(jet) {
                     add_scaled(derivative, joint.turn, factor);
                 }

@@ -18,11 +18,11 @@ const USED: f64 = 0.9990;
 const TOLERATED: f64 = 1.0007;
 
 /// Time of an interval where the speed changes, s, and where it stays.
-const INTERVAL: f64 = 0.0025;
+const INTERVAL: f64 = 0.002;
 const CRUISE: f64 = 0.010;
 
 /// Largest growth of b^(3/4) in one interval: a third of what the speed grows by in it is lost to the mean jerk.
-const GROWTH: f64 = 0.22;
+const GROWTH: f64 = 0.12;
 
 /// Parts of the reach of a joint, and turn of the path in rad, after which limits are looked at again.
 const DETAIL: f64 = 0.2;
@@ -541,7 +541,10 @@ impl Stretch {
                 let load = self.load_between(&window, i);
                 if load > TOLERATED && rounds < 5 {
                     if std::env::var_os("PLAN_TRACE").is_some_and(|v| v == "3") {
-                        eprintln!("between {i} at {} width {} load {load} b {} share {}", self.grid[i].s, window.intervals[i].width, window.intervals[i].value, window.intervals[i].share);
+                        eprintln!(
+                            "between {i} at {} width {} load {load} b {} share {}",
+                            self.grid[i].s, window.intervals[i].width, window.intervals[i].value, window.intervals[i].share
+                        );
                     }
                     window.intervals[i].share *= (1.0 - 1.5 * (load - 1.0)).max(0.7);
                     tightened = true;
@@ -613,7 +616,11 @@ impl Stretch {
             for interval in &mut intervals[known..] {
                 interval.value = creep;
             }
-            let mut window = Window { borders, intervals, begin };
+            let mut window = Window {
+                borders,
+                intervals,
+                begin,
+            };
             let worst = window.worst_from(known.saturating_sub(3));
             // What does not become less is not the creep's.
             if worst < 0.9995 || worst > 0.98 * before {
