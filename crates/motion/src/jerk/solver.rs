@@ -64,7 +64,7 @@ const BARRIER_FALL: f64 = 0.4;
 
 /// The barrier at the start and at the end, as a share of the mean time of an interval.
 const BARRIER_FIRST: f64 = 0.1;
-const BARRIER_LAST: f64 = 3e-4;
+const BARRIER_LAST: f64 = 2e-4;
 
 /// A limit that the guess exceeds begins this much above it and comes down with it.
 const SLACK: f64 = 1.15;

@@ -18,11 +18,11 @@ const USED: f64 = 0.9990;
 const TOLERATED: f64 = 1.0007;
 
 /// Time of an interval where the speed changes, s, and where it stays.
-const INTERVAL: f64 = 0.002;
+const INTERVAL: f64 = 0.0025;
 const CRUISE: f64 = 0.010;
 
 /// Largest growth of b^(3/4) in one interval: a third of what the speed grows by in it is lost to the mean jerk.
-const GROWTH: f64 = 0.12;
+const GROWTH: f64 = 0.15;
 
 /// Parts of the reach of a joint, and turn of the path in rad, after which limits are looked at again.
 const DETAIL: f64 = 0.2;
@@ -34,6 +34,9 @@ const FIRST: f64 = 0.004;
 /// Stopping distances from the end of the grid within which nothing is planned for good: where the path bends the axes have less to brake
 /// with.
 const STOPS: f64 = 2.2;
+
+/// Times to build up the acceleration within which nothing is planned for good.
+const SWINGS: f64 = 2.5;
 
 /// Share of the jerk with which a rest is approached that is only the end of what is known.
 const PROVISIONAL: f64 = 0.3;
@@ -634,7 +637,7 @@ impl Stretch {
     /// The first interval from which on the rest at the end of the grid may slow the plan down: nearer to it than a few times what it takes
     /// to stop.
     fn slowed_from(&self, intervals: &[Interval], n: usize) -> usize {
-        let mut left = 0.0;
+        let (mut left, mut time) = (0.0, 0.0);
         for k in (0..n).rev() {
             let (cell, interval) = (&self.grid[k], &intervals[k]);
             left += interval.width;
@@ -649,7 +652,9 @@ impl Stretch {
             } else {
                 0.5 * v * (v / a + a / j)
             };
-            if left > STOPS * stop && n - k > 8 {
+            // As fast as it could go if the end were not there.
+            time += interval.width / libm::sqrt(cell.estimate.max(self.grid[k + 1].estimate).max(interval.value));
+            if left > STOPS * stop && time > SWINGS * a / j && n - k > 8 {
                 return k;
             }
         }
