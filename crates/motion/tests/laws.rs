@@ -12,7 +12,7 @@ use plan::{
 };
 use proptest::prelude::*;
 use support::{Generated, Planned, feed_move, line, plan, polyline, program, reference};
-use units::{Millimetres, MmPerSec, MmPerSec2, Point, Radians, Rpm, Seconds, Setup, Transform, Vector, WorkingstepId};
+use units::{Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Point, Radians, Rpm, Seconds, Setup, Transform, Vector, WorkingstepId};
 
 /// Distance from a place to programmed paths, given as chords that stay within 0.01 um of them.
 fn distance(place: [f64; 3], chords: &[Vec<Point<Setup>>]) -> f64 {
@@ -73,8 +73,16 @@ fn check_laws(steps: Vec<StepKind>, start: [f64; 3], tolerance: f64) -> Planned 
     check_laws_with(steps, start, reference(tolerance))
 }
 
+/// The laws without a limit of jerk, and with one that the axes need 60 ms to use up.
 #[track_caller]
 fn check_laws_with(steps: Vec<StepKind>, start: [f64; 3], limits: Limits) -> Planned {
+    let j_max = Some(limits.a_max.map(|a| MmPerSec3(a.0 / 0.06)));
+    check_laws_of_one(steps.clone(), start, Limits { j_max, ..limits });
+    check_laws_of_one(steps, start, limits)
+}
+
+#[track_caller]
+fn check_laws_of_one(steps: Vec<StepKind>, start: [f64; 3], limits: Limits) -> Planned {
     let planned = plan(program(steps.clone()), start, limits);
     let tolerances = tolerances(&steps, limits.tolerance.0);
     let s = planned.statistics;
@@ -89,6 +97,7 @@ fn check_laws_with(steps: Vec<StepKind>, start: [f64; 3], limits: Limits) -> Pla
         "acceleration {}",
         s.worst_acceleration_ratio
     );
+    assert!(s.worst_jerk_ratio.unwrap_or(0.0) <= 1.001, "jerk {:?}", s.worst_jerk_ratio);
     let paths = paths_of(&steps);
     if let (Some(last), Some(path)) = (planned.points.last(), paths.iter().rfind(|p| p.length() > 1e-9)) {
         assert_eq!(last.position, path.end().xyz, "the end point is exact");

@@ -65,6 +65,8 @@ struct Sight {
     rising: f64,
     open: f64,
     ending: f64,
+    /// The same as `open`, grown on where the speed stays as it is: how far it is to where it changes.
+    steady: f64,
 }
 
 /// A border of the grid and the interval behind it.
@@ -297,6 +299,7 @@ impl Stretch {
             rising: 0.0,
             open: 0.0,
             ending: 0.0,
+            steady: 0.0,
         }
     }
 
@@ -336,6 +339,19 @@ impl Stretch {
             let top = a.rising.min(caps[i]);
             self.sights[i].ending = grow(b.ending, &a, &b).min(top);
             self.sights[i].open = grow(b.open, &a, &b).min(top);
+        }
+        // The first sight was known before.
+        let alike = |x: f64, y: f64| (x - y).abs() <= 1e-6 * x.max(y);
+        for i in 1..n {
+            let flat = alike(self.sights[i].open, caps[i]) && alike(caps[i], caps[i - 1]) && (i == last || alike(caps[i], caps[i + 1]));
+            let grown = self.sights[i - 1].steady + growth(&self.sights[i - 1], &self.sights[i]) * (self.sights[i].s - self.sights[i - 1].s);
+            self.sights[i].steady = if flat { grown.max(self.sights[i].open) } else { self.sights[i].open };
+        }
+        self.sights[last].steady = self.sights[last].steady.min(self.sights[last].open);
+        for i in (1..last).rev() {
+            let (a, b) = (&self.sights[i], &self.sights[i + 1]);
+            let grown = b.steady + growth(a, b) * (b.s - a.s);
+            self.sights[i].steady = a.steady.min(grown.max(a.open));
         }
     }
 
@@ -438,13 +454,9 @@ impl Stretch {
             let (y, slope) = Self::between(a, b, s);
             let v = libm::cbrt(y);
             let v = v * v;
-            let cruising = |sight: &Sight| sight.open >= 0.999_999 * three_quarters(sight.cap_behind.min(sight.cap));
-            let time = if cruising(a) && cruising(b) && a.cap == b.cap {
-                CRUISE
-            } else {
-                INTERVAL
-            };
-            (v * time).min(GROWTH * y / slope).min(a.detail)
+            let steady = (a.steady + slope * (s - a.s)).min(b.steady + slope * (b.s - s)).max(y);
+            let time = (INTERVAL * steady / y.max(1e-30)).clamp(INTERVAL, CRUISE);
+            (v * time).min(GROWTH * steady / slope).min(a.detail)
         };
         let first = {
             let (a, b) = (&self.sights[0], &self.sights[1]);
