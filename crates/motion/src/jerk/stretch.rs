@@ -12,10 +12,13 @@ use crate::smooth::Piece;
 use std::collections::VecDeque;
 
 /// Share of the limits that is planned with; the rest covers what happens between two borders.
-const USED: f64 = 0.9990;
+const USED: f64 = 0.9980;
 
 /// Largest load between two borders that is left as it is.
-const TOLERATED: f64 = 1.0007;
+const TOLERATED: f64 = 1.0018;
+
+/// Shares of an interval at which it is looked at.
+const PLACES: [f64; 2] = [0.33, 0.67];
 
 /// Time of an interval where the speed changes, s, and where it stays.
 const INTERVAL: f64 = 0.0025;
@@ -539,6 +542,7 @@ impl Stretch {
             intervals[k].cap = intervals[k].cap.min(borders[k].cap.max(borders[k + 1].cap));
         }
         self.guess(&borders, &mut intervals, begin, fixed);
+        let between = self.between_borders(&intervals);
         let mut solved;
         let mut rounds = 0;
         loop {
@@ -553,7 +557,7 @@ impl Stretch {
             // What happens between the borders.
             let mut tightened = false;
             for i in 1..n - 1 {
-                let load = self.load_between(&window, i);
+                let load = load_between(&window, i, &between[i]);
                 if load > TOLERATED && rounds < 5 {
                     if std::env::var_os("PLAN_TRACE").is_some_and(|v| v == "3") {
                         eprintln!(
@@ -561,7 +565,7 @@ impl Stretch {
                             self.grid[i].s, window.intervals[i].width, window.intervals[i].value, window.intervals[i].share
                         );
                     }
-                    window.intervals[i].share *= (1.0 - 1.5 * (load - 1.0)).max(0.7);
+                    window.intervals[i].share *= (1.0 - 2.0 * (load - 1.0)).max(0.6);
                     tightened = true;
                 }
             }
@@ -698,35 +702,17 @@ impl Stretch {
         limit(n - 1, n, intervals[n - 1].width, -1.0, if at_end { 1.0 } else { PROVISIONAL });
     }
 
-    /// Largest load of acceleration and jerk inside an interval.
-    fn load_between(&self, window: &Window<'_>, i: usize) -> f64 {
-        let (here, next) = (window.motion(i), window.motion(i + 1));
-        let interval = &window.intervals[i];
-        let h = (next.g - here.g) / interval.width;
-        let (_a, _b) = (here, next);
-        let mut worst = 0.0f64;
-        let cell = &self.grid[i];
+    /// The limits inside intervals, where they are others than at their borders.
+    fn between_borders(&self, intervals: &[Interval]) -> Vec<Option<[Border; 2]>> {
         // Straight ahead nothing happens between borders that does not happen at them.
         let bent = |border: &Border| border.jerk.iter().any(|r| r[0] != 0.0 || r[1] != 0.0);
-        if !bent(&cell.border) && !bent(&self.grid[i + 1].border) {
-            return 0.0;
-        }
-        for share in [0.25, 0.5, 0.75] {
-            let d = share * interval.width;
-            let motion = Motion {
-                b: here.b + 2.0 * here.g * d + h * d * d,
-                g: here.g + h * d,
-            };
-            let border = self.cell(cell.s + d, 0.0).border;
-            let root = libm::sqrt(motion.b.max(0.0));
-            for axis in 0..3 {
-                let [x, y] = border.acceleration[axis];
-                worst = worst.max((x * motion.b + y * motion.g).abs());
-                let [x, y, z] = border.jerk[axis];
-                worst = worst.max((x * motion.b + y * motion.g + z * h).abs() * root);
-            }
-        }
-        worst
+        (0..intervals.len())
+            .map(|i| {
+                let cell = &self.grid[i];
+                (bent(&cell.border) || bent(&self.grid[i + 1].border))
+                    .then(|| PLACES.map(|share| self.cell(cell.s + share * intervals[i].width, 0.0).border))
+            })
+            .collect()
     }
 
     /// The place at `s`, and the step there.
@@ -734,6 +720,29 @@ impl Stretch {
         let k = self.course.span_at(s);
         (self.course.at(k, s), self.course.span(k).step)
     }
+}
+
+/// Largest load of acceleration and jerk inside interval `i`.
+fn load_between(window: &Window<'_>, i: usize, between: &Option<[Border; 2]>) -> f64 {
+    let Some(between) = between else { return 0.0 };
+    let (here, next) = (window.motion(i), window.motion(i + 1));
+    let h = (next.g - here.g) / window.intervals[i].width;
+    let mut worst = 0.0f64;
+    for (share, border) in PLACES.into_iter().zip(between) {
+        let d = share * window.intervals[i].width;
+        let motion = Motion {
+            b: here.b + 2.0 * here.g * d + h * d * d,
+            g: here.g + h * d,
+        };
+        let root = libm::sqrt(motion.b.max(0.0));
+        for axis in 0..3 {
+            let [x, y] = border.acceleration[axis];
+            worst = worst.max((x * motion.b + y * motion.g).abs());
+            let [x, y, z] = border.jerk[axis];
+            worst = worst.max((x * motion.b + y * motion.g + z * h).abs() * root);
+        }
+    }
+    worst
 }
 
 /// Growth of b^(3/4) with s at a constant jerk from rest: 3/4-th power of 6^(4/3)/4 j^(2/3).
