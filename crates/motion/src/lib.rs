@@ -17,8 +17,10 @@
 //! rest where its corners ask for it: the planner does not see the spindle's encoder, so the angle at its start is not waited for and
 //! deviations of the spindle's speed are not followed.
 //!
-//! Jerk is not limited yet. It enters in `profile` (limits on the change of acceleration along the curve) and in `smooth` (curvature
-//! that is continuous as well); the stages around them stay.
+//! With a limit of jerk ([`Limits::j_max`]) another planner takes the place of the three stages, behind the same [`Trajectory`]: the path
+//! becomes a curve with a continuous curvature, and the window is solved for the fastest motion under speed, acceleration and jerk of each
+//! axis. The jerk holds at every instant, and so at third differences of samples. Why it is made so: `docs/decisions/0009-jerk.md`; what
+//! it reaches: `cargo bench -p motion`.
 
 mod blend;
 mod jerk;
@@ -39,7 +41,7 @@ pub struct Limits {
     pub v_max: [MmPerSec; 3],
     /// Largest acceleration of each axis.
     pub a_max: [MmPerSec2; 3],
-    /// Largest jerk of each axis, kept for the jerk-limited planner; `None` is unlimited. Not used yet.
+    /// Largest jerk of each axis; `None` is unlimited.
     pub j_max: Option<[MmPerSec3; 3]>,
     /// How far a blend may leave the programmed path where the program does not say.
     pub tolerance: Millimetres,

@@ -12,8 +12,8 @@ use units::StepId;
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Planned {
     SetPoint(SetPoint),
-    /// What the caller marked stands here.
-    Mark(usize),
+    /// The next of what the caller marked stands here.
+    Mark,
 }
 
 /// Moves and marks in, set-points and marks out.
@@ -56,13 +56,13 @@ impl Planner {
     }
 
     /// Something that is no motion stands here.
-    pub(crate) fn mark(&mut self, mark: usize) {
+    pub(crate) fn mark(&mut self) {
         match self {
             Planner::Accelerated(planner) => {
                 let Accelerated { smoother, profile, .. } = &mut **planner;
-                smoother.mark(mark, &mut |s| forward(profile, s));
+                smoother.mark(0, &mut |s| forward(profile, s));
             }
-            Planner::Jerk(planner) => planner.mark(mark),
+            Planner::Jerk(planner) => planner.mark(),
         }
     }
 
@@ -124,7 +124,7 @@ impl Accelerated {
                         return Some(Planned::SetPoint(point));
                     }
                 }
-                Profiled::Mark(mark) => return Some(Planned::Mark(mark)),
+                Profiled::Mark(_) => return Some(Planned::Mark),
             }
         }
     }

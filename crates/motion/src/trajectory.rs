@@ -169,7 +169,7 @@ impl<'a> Trajectory<'a> {
             }
             match self.planner.next() {
                 Some(Planned::SetPoint(point)) => return self.give(point),
-                Some(Planned::Mark(_)) => self.ready.extend(self.marks.pop_front().into_iter().flatten()),
+                Some(Planned::Mark) => self.ready.extend(self.marks.pop_front().into_iter().flatten()),
                 None if self.at_rest.is_some() => {
                     // What is left of the way has no length.
                     self.position = self.aim;
@@ -506,7 +506,7 @@ impl<'a> Trajectory<'a> {
 
     fn mark(&mut self, outputs: Vec<Output>) {
         self.marks.push_back(outputs);
-        self.planner.mark(0);
+        self.planner.mark();
         if self.marks.len() > MOST_MARKS {
             self.planner.finish();
         }

@@ -6,7 +6,7 @@
 //! How far a joint reaches is decided in [`Course::settle`], as soon as enough of the path behind it is known: as far as the tolerance
 //! allows, all joints added up.
 
-use super::kernel::{EASING_PEAK, Jet, ROUNDING_PEAK, SWING_PEAK, easing, rounding, rounding_value, swing};
+use super::kernel::{EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, easing, rounding, rounding_value, swing};
 use super::vector::{V3, add_scaled, length, minus, scaled};
 use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece, SLOWEST_SHARE};
 use plan::Path;
@@ -212,11 +212,17 @@ impl Course {
             let mut fits = true;
             for k in from..count {
                 let joint = &self.joints[k];
-                let mut places = [joint.s, joint.s + 0.5 * self.spans[k].length];
-                if k + 1 == count {
-                    places[1] = places[1].min(end);
-                }
-                for (place, tolerance) in places.into_iter().zip([self.tolerance_at(k), self.spans[k].tolerance]) {
+                // An easing is largest beside its joint.
+                let aside = if joint.sizes[1] > 0.0 { EASING_PLACE * reach[k] } else { 0.0 };
+                let here = self.tolerance_at(k);
+                let places = [
+                    (joint.s, here),
+                    (joint.s + 0.5 * self.spans[k].length, self.spans[k].tolerance),
+                    (joint.s - aside, here),
+                    (joint.s + aside, here),
+                ];
+                let places = places.into_iter().take(if aside > 0.0 { 4 } else { 2 });
+                for (place, tolerance) in places {
                     let off = length(self.off(k, place, &reach));
                     if off > tolerance {
                         fits = false;
@@ -394,13 +400,6 @@ impl Course {
         self.spans.drain(..keep);
         self.joints.drain(..keep);
         self.settled -= keep;
-    }
-
-    /// Moves the origin of `s`, so that the numbers stay small however long the stretch is.
-    pub(super) fn shift(&mut self, by: f64) {
-        self.length -= by;
-        self.spans.iter_mut().for_each(|span| span.start -= by);
-        self.joints.iter_mut().for_each(|joint| joint.s -= by);
     }
 }
 

@@ -14,6 +14,9 @@ pub(super) const ROUNDING_PEAK: f64 = 7.0 / 60.0;
 /// Largest value of an easing, as a share of its half width squared.
 pub(super) const EASING_PEAK: f64 = 0.014_520;
 
+/// Where that is, as a share of the half width: 1 - (2 + sqrt 2) (1 - 2^(-1/3)).
+pub(super) const EASING_PLACE: f64 = 0.295_661;
+
 /// A corner spread by a cubic B-spline: the second derivative of what comes out is that B-spline, of area 1. It is near to the path on
 /// which one axis brakes and another one accelerates at the full jerk, which is the fastest way round.
 pub(super) fn rounding(d: f64, half: f64) -> Jet {

@@ -29,7 +29,7 @@ use units::{StepId, TICK};
 struct Leg {
     stretch: Stretch,
     /// Marks by the length at which they stand.
-    marks: VecDeque<(f64, usize)>,
+    marks: VecDeque<f64>,
     end: [f64; 3],
     last_step: StepId,
 }
@@ -103,10 +103,10 @@ impl JerkPlanner {
     }
 
     /// Something stands here that is no motion.
-    pub(crate) fn mark(&mut self, mark: usize) {
+    pub(crate) fn mark(&mut self) {
         match self.legs.back_mut() {
-            Some(leg) => leg.marks.push_back((leg.stretch.course.length, mark)),
-            None => self.ready.push_back(Planned::Mark(mark)),
+            Some(leg) => leg.marks.push_back(leg.stretch.course.length),
+            None => self.ready.push_back(Planned::Mark),
         }
     }
 
@@ -129,12 +129,12 @@ impl JerkPlanner {
             let Some(phase) = leg.stretch.phases.front() else {
                 if leg.stretch.planned {
                     let (end, step) = (leg.end, leg.last_step);
-                    let marks: Vec<_> = leg.marks.drain(..).collect();
+                    let marks = leg.marks.len();
                     self.deviation = self.deviation.max(leg.stretch.course.deviation);
                     self.legs.pop_front();
                     let rest = self.rest(end, step);
                     self.ready.extend(rest.map(Planned::SetPoint));
-                    self.ready.extend(marks.into_iter().map(|m| Planned::Mark(m.1)));
+                    self.ready.extend((0..marks).map(|_| Planned::Mark));
                     continue;
                 }
                 leg.stretch.plan();
@@ -154,8 +154,9 @@ impl JerkPlanner {
             let t = self.within + self.left;
             let (x, speed, change) = phase.at(t);
             let s = phase.s + x.min(phase.width);
-            if leg.marks.front().is_some_and(|mark| mark.0 <= s) {
-                return leg.marks.pop_front().map(|mark| Planned::Mark(mark.1));
+            if leg.marks.front().is_some_and(|mark| *mark <= s) {
+                leg.marks.pop_front();
+                return Some(Planned::Mark);
             }
             self.within = t;
             self.left = TICK.0;

@@ -59,9 +59,6 @@ fn tie(first: f64, second: f64) -> f64 {
 /// Largest number of Newton steps; a window takes some twenty.
 const MOST_STEPS: usize = 80;
 
-/// Each step multiplies the barrier by this when the last one went well.
-const BARRIER_FALL: f64 = 0.4;
-
 /// The barrier at the start and at the end, as a share of the mean time of an interval.
 const BARRIER_FIRST: f64 = 0.1;
 const BARRIER_LAST: f64 = 2e-4;
@@ -118,15 +115,6 @@ pub(super) struct Window<'a> {
     /// n of them, at least 4.
     pub(super) intervals: &'a mut [Interval],
     pub(super) begin: Begin,
-}
-
-/// What a solution is worth.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Solved {
-    /// Largest load at a border: above 1 a limit is not kept.
-    pub(super) worst: f64,
-    /// Newton steps.
-    pub(super) steps: usize,
 }
 
 impl Window<'_> {
@@ -194,7 +182,7 @@ impl Window<'_> {
     }
 
     /// Makes the intervals' values the fastest ones within the limits, from the guess in them.
-    pub(super) fn solve(&mut self) -> Solved {
+    pub(super) fn solve(&mut self) {
         let n = self.count();
         self.tie_ends();
         let (mut loads, mut relaxed, mut matrix) = (Vec::with_capacity(n), vec![ONE; n], Matrix::new(n));
@@ -223,7 +211,7 @@ impl Window<'_> {
                 matrix.gradient[0] = tie(self.intervals[0].width, self.intervals[1].width) * matrix.gradient[1];
             }
             matrix.gradient[n - 1] = tie(self.intervals[n - 1].width, self.intervals[n - 2].width) * matrix.gradient[n - 2];
-            let dual_share = self.follow(&mut prices, &relaxed, barrier, &matrix.gradient);
+            self.follow(&mut prices, &relaxed, barrier, &matrix.gradient);
             for (b, interval) in before.iter_mut().zip(self.intervals.iter()) {
                 *b = interval.value;
             }
@@ -266,11 +254,6 @@ impl Window<'_> {
             let settled = now > 0.97 * last_time;
             growing = share >= 0.8 && now < 0.94 * last_time;
             last_time = now;
-            if std::env::var_os("PLAN_TRACE").is_some_and(|v| v == "2") {
-                eprintln!(
-                    "  step {steps} share {share:.4} {dual_share:.4} time {now:.6} barrier {share_of_time:.2e} infeasible {infeasible}"
-                );
-            }
             let done = share_of_time <= BARRIER_LAST && !infeasible && share >= 0.7;
             if done || steps >= MOST_STEPS || (!moved && share_of_time <= BARRIER_LAST) {
                 break;
@@ -283,11 +266,6 @@ impl Window<'_> {
                 };
                 share_of_time = (share_of_time * fall).max(BARRIER_LAST);
             }
-        }
-        let worst = loads.iter().map(Loads::worst);
-        Solved {
-            worst: worst.fold(0.0, f64::max),
-            steps,
         }
     }
 

@@ -17,6 +17,9 @@ const USED: f64 = 0.9980;
 /// Largest load between two borders that is left as it is.
 const TOLERATED: f64 = 1.0018;
 
+/// Times that a window is solved again with less of the limits where more than them was used between borders.
+const MOST_ROUNDS: u32 = 9;
+
 /// Shares of an interval at which it is looked at.
 const PLACES: [f64; 2] = [0.33, 0.67];
 
@@ -126,7 +129,6 @@ pub(super) struct Stretch {
     /// Length ahead that a round needs, mm, and the fastest feed that was seen.
     needed: f64,
     fastest: f64,
-    pub(super) steps_of_solver: u64,
 }
 
 impl Stretch {
@@ -145,7 +147,6 @@ impl Stretch {
             phases: VecDeque::new(),
             needed: 0.0,
             fastest: 0.0,
-            steps_of_solver: 0,
         }
     }
 
@@ -207,9 +208,8 @@ impl Stretch {
             let span = self.course.span(k);
             let end = span.start + span.length;
             let mut next = (s + DETAIL * shortest).min(sharper);
-            if shortest.is_finite() {
-                next = next.max(s + 0.02 * shortest);
-            }
+            // Also a support that begins a hair away is a step forward.
+            next = next.max(s + 1e-10);
             if !span.is_line() {
                 let place = self.course.at(k, s);
                 let bend = length(place[2]) / length(place[1]).max(1e-9);
@@ -346,9 +346,15 @@ impl Stretch {
         // The first sight was known before.
         let alike = |x: f64, y: f64| (x - y).abs() <= 1e-6 * x.max(y);
         for i in 1..n {
-            let flat = alike(self.sights[i].open, caps[i]) && alike(caps[i], caps[i - 1]) && (i == last || alike(caps[i], caps[i + 1]));
-            let grown = self.sights[i - 1].steady + growth(&self.sights[i - 1], &self.sights[i]) * (self.sights[i].s - self.sights[i - 1].s);
-            self.sights[i].steady = if flat { grown.max(self.sights[i].open) } else { self.sights[i].open };
+            let flat =
+                alike(self.sights[i].open, caps[i]) && alike(caps[i], caps[i - 1]) && (i == last || alike(caps[i], caps[i + 1]));
+            let grown = self.sights[i - 1].steady
+                + growth(&self.sights[i - 1], &self.sights[i]) * (self.sights[i].s - self.sights[i - 1].s);
+            self.sights[i].steady = if flat {
+                grown.max(self.sights[i].open)
+            } else {
+                self.sights[i].open
+            };
         }
         self.sights[last].steady = self.sights[last].steady.min(self.sights[last].open);
         for i in (1..last).rev() {
@@ -465,9 +471,16 @@ impl Stretch {
             let (a, b) = (&self.sights[0], &self.sights[1]);
             (a.jerk.min(b.jerk) * FIRST * FIRST * FIRST / 6.0).min(total / 300.0)
         };
-        let at_end = self.closed && to - s <= 1.5 * first;
-        if at_end {
-            return (to - s).min(first);
+        // The last interval has a constant jerk of s, so it must not be wider than the bends there.
+        let mut last = first;
+        for (a, b) in self.sights.iter().zip(self.sights.iter().skip(1)).rev() {
+            if b.s <= to - last {
+                break;
+            }
+            last = last.min(a.detail.max(to - b.s));
+        }
+        if self.closed && to - s <= 1.5 * last {
+            return if to - s <= 1.01 * last { to - s } else { 0.5 * (to - s) };
         }
         let here = wide(i, s);
         // From rest.
@@ -490,11 +503,12 @@ impl Stretch {
             }
             let there = wide(m, end.min(self.sights[n - 1].s));
             let closing = if self.closed {
-                (to - end).max(0.0).max(first)
+                (to - end).max(0.0).max(last)
             } else {
                 f64::INFINITY
             };
-            narrow = narrow.min(there.max(first.min(closing)).max(0.2 * here.min(width)));
+            let by_speed = there.max(last.min(closing)).max(0.2 * here.min(width));
+            narrow = narrow.min(by_speed);
             if narrow >= width {
                 break;
             }
@@ -543,7 +557,11 @@ impl Stretch {
         }
         self.guess(&borders, &mut intervals, begin, fixed);
         let between = self.between_borders(&intervals);
-        let mut solved;
+        for (interval, between) in intervals.iter_mut().zip(&between) {
+            for border in between.iter().flatten() {
+                interval.cap = interval.cap.min(border.cap);
+            }
+        }
         let mut rounds = 0;
         loop {
             let mut window = Window {
@@ -551,33 +569,22 @@ impl Stretch {
                 intervals: &mut intervals,
                 begin,
             };
-            solved = window.solve();
-            self.steps_of_solver += solved.steps as u64;
+            window.solve();
             rounds += 1;
             // What happens between the borders.
             let mut tightened = false;
             for i in 1..n - 1 {
                 let load = load_between(&window, i, &between[i]);
-                if load > TOLERATED && rounds < 5 {
-                    if std::env::var_os("PLAN_TRACE").is_some_and(|v| v == "3") {
-                        eprintln!(
-                            "between {i} at {} width {} load {load} b {} share {}",
-                            self.grid[i].s, window.intervals[i].width, window.intervals[i].value, window.intervals[i].share
-                        );
-                    }
-                    window.intervals[i].share *= (1.0 - 2.0 * (load - 1.0)).max(0.6);
+                if load > TOLERATED && rounds < MOST_ROUNDS {
+                    // What a few rounds did not mend is taken harder.
+                    let more = 1.5 + 0.5 * f64::from(rounds);
+                    window.intervals[i].share *= (1.0 - more * (load - 1.0)).max(0.5);
                     tightened = true;
                 }
             }
             if !tightened {
                 break;
             }
-        }
-        if std::env::var_os("PLAN_TRACE").is_some() {
-            eprintln!(
-                "window of {n}, begin {begin:?}, at end {at_end}: {solved:?} rounds {rounds} s {} to {}",
-                self.grid[0].s, self.grid_end
-            );
         }
         let upto = if at_end {
             n
@@ -682,19 +689,32 @@ impl Stretch {
     /// Where the grid goes on later the end is slower: the same coefficients then have to do without the constant jerk.
     fn rest_caps(&self, borders: &mut [Border], intervals: &[Interval], begin: Begin, at_end: bool) {
         let n = intervals.len();
-        let mut limit = |at: usize, other: usize, width: f64, direction: f64, share: f64| {
+        let mut limit = |at: usize, rest: usize, width: f64, direction: f64, share: f64| {
             // With b = 1 there: s is a cube of the time, so t = 3 width / speed.
             let t = 3.0 * width;
             let (g, third) = (direction * 2.0 / t, 2.0 / (t * t));
-            let mut worst = 0.0f64;
-            for row in &borders[at].jerk {
-                worst = worst.max((row[0] + row[1] * g + row[2] * third).abs());
+            let (mut jerk, mut acceleration) = (0.0f64, 0.0f64);
+            let mut look = |border: &Border, time: f64| {
+                let v2 = time * time * time * time;
+                for row in &border.jerk {
+                    jerk = jerk.max((row[0] * v2 * time * time + row[1] * time * time * time * g + row[2] * third).abs());
+                }
+                for row in &border.acceleration {
+                    acceleration = acceleration.max((row[0] * v2 + row[1] * time * g).abs());
+                }
+            };
+            look(&borders[at], 1.0);
+            look(&borders[rest], 0.0);
+            let bent = |border: &Border| border.jerk.iter().any(|r| r[0] != 0.0 || r[1] != 0.0);
+            if bent(&borders[at]) || bent(&borders[rest]) {
+                for k in 1..8 {
+                    let time = f64::from(k) / 8.0;
+                    let s = self.grid[rest].s + direction * width * time * time * time;
+                    look(&self.cell(s, 0.0).border, time);
+                }
             }
-            for row in &borders[other].jerk {
-                worst = worst.max((row[2] * third).abs());
-            }
-            let most = share / worst.max(1e-300);
-            borders[at].cap = borders[at].cap.min(libm::cbrt(most * most));
+            let most = share / jerk.max(1e-300);
+            borders[at].cap = borders[at].cap.min(libm::cbrt(most * most)).min(1.0 / acceleration.max(1e-300));
         };
         if begin == Begin::Rest {
             limit(1, 0, intervals[0].width, 1.0, 1.0);
