@@ -714,7 +714,10 @@ impl Stretch {
                 }
             }
             let most = share / jerk.max(1e-300);
-            borders[at].cap = borders[at].cap.min(libm::cbrt(most * most)).min(1.0 / acceleration.max(1e-300));
+            borders[at].cap = borders[at]
+                .cap
+                .min(libm::cbrt(most * most))
+                .min(1.0 / acceleration.max(1e-300));
         };
         if begin == Begin::Rest {
             limit(1, 0, intervals[0].width, 1.0, 1.0);
