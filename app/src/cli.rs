@@ -155,6 +155,7 @@ const EXPORT_HELP: &str = "\
 By its ending F is
   .csv      one line a sample, the unit in the header, numbers that read back to the same double; events in F.events.csv
   .jsonl    one object a line: the record's head, then samples and events in the order of their time
+  .json     the same objects as one array
   .parquet  without a choice of time or channels the record itself, byte for byte; else a record of the part, with its origin's hash
   .mf4      ASAM MDF 4 for measurement programs; events in F.events.csv
 DIR is a data directory or a backup of one [default: --data, $TOOLMARK_DATA ...]. Nothing in it is changed.
@@ -180,14 +181,14 @@ pub enum TraceCommand {
         #[arg(long)]
         events: bool,
     },
-    /// Write a job's samples and events to a file: CSV, JSON lines, Parquet or MDF 4.
+    /// Write a job's samples and events to a file: CSV, JSON, Parquet or MDF 4.
     #[command(after_help = EXPORT_HELP)]
     Export {
         /// The number of the job, or `last`.
         job: String,
         /// Data directory or backup.
         dir: Option<PathBuf>,
-        /// Where to: .csv, .jsonl, .parquet or .mf4.
+        /// Where to: .csv, .json, .jsonl, .parquet or .mf4.
         #[arg(long, value_name = "F")]
         out: PathBuf,
         /// From this time on: seconds since the job's start, or RFC 3339.

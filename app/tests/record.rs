@@ -2,10 +2,13 @@
 
 #[path = "support/agent.rs"]
 mod agent;
+#[path = "support/small_disk.rs"]
+mod small_disk;
 
 use agent::{Agent, Script};
 use mtconnect::streams::{Observation, Value, read_streams};
 use serde_json::Value as Json;
+use small_disk::SmallDisk;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -444,29 +447,35 @@ fn what_is_recorded_is_rebuilt_like_the_agents_own_document() {
     }
 }
 
+/// The last number that a Parquet recording in the making has on the disk.
+fn last_kept(file: &Path) -> Option<u64> {
+    let folder = PathBuf::from(format!("{}.recording", file.display()));
+    let paths = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path());
+    let mut paths: Vec<PathBuf> = paths.filter(|p| p.extension().is_some_and(|e| e == "segment")).collect();
+    paths.sort();
+    let mut rows = paths.iter().filter_map(|p| store::segment::read(p).ok()).filter_map(|found| {
+        let batch = found.batches().ok()?.flatten().last()?;
+        store::observations::rows(&batch).ok()?.pop().map(|row| row.sequence)
+    });
+    rows.next_back()
+}
+
+/// Waits until something is true; two minutes are too long on any machine.
+#[track_caller]
+fn wait_until(what: &str, mut is_true: impl FnMut() -> bool) {
+    let began = Instant::now();
+    while !is_true() {
+        assert!(began.elapsed() < Duration::from_secs(120), "{what} never came");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
 /// Waits until the agent has told everything, and a little longer for the recorder to hear of it: its own answer says what it has.
 fn record_all_into_parquet(recorder: &mut Recorder, agent: &Agent, last: u64) -> Json {
+    let asked = agent.requests().len();
     recorder.start(&agent.url());
-    let began = Instant::now();
-    let folder = PathBuf::from(format!("{}.recording", recorder.file.display()));
-    let last_kept = || {
-        let paths = std::fs::read_dir(&folder).into_iter().flatten().flatten().map(|e| e.path());
-        let mut paths: Vec<PathBuf> = paths.filter(|p| p.extension().is_some_and(|e| e == "segment")).collect();
-        paths.sort();
-        let mut rows = paths.iter().filter_map(|p| store::segment::read(p).ok()).filter_map(|found| {
-            let batch = found.batches().ok()?.flatten().last()?;
-            store::observations::rows(&batch).ok()?.pop().map(|row| row.sequence)
-        });
-        rows.next_back()
-    };
-    while last_kept() != Some(last) {
-        assert!(
-            began.elapsed() < Duration::from_secs(120),
-            "{last} never came: {:?}",
-            last_kept()
-        );
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    wait_until("a question", || agent.requests().len() > asked);
+    wait_until("the last row", || last_kept(&recorder.file) == Some(last));
     recorder.stop()
 }
 
@@ -520,6 +529,88 @@ fn a_killed_recorder_of_parquet_goes_on_where_it_was() {
         "a closed recording is left alone: {}",
         both(&again)
     );
+}
+
+#[test]
+fn a_parquet_recording_on_a_full_disk_goes_on_with_a_gap_and_can_be_closed_later() {
+    if !SmallDisk::is_possible() {
+        return;
+    }
+    let recording = own_recording();
+    let all = read_streams(&recording, "f").observations;
+    let mut numbers: Vec<u64> = all.iter().map(|o| o.sequence).collect();
+    numbers.sort_unstable();
+    let last = *numbers.last().expect("some");
+    let agent = Agent::start(
+        &recording,
+        Script {
+            buffer: 30,
+            ..Script::at_speed(10.0)
+        },
+    );
+    let mut recorder = Recorder::into("record.parquet");
+    let words = |url: &str, data: &Path| {
+        let file = data.join("record.parquet").display().to_string();
+        let words = [
+            "record",
+            url,
+            "--json",
+            "--interval",
+            "10",
+            "--heartbeat",
+            "1000",
+            "--out",
+            &file,
+        ];
+        words.map(String::from).to_vec()
+    };
+    let url = agent.url();
+    let (mut disk, child) = SmallDisk::start(|data| words(&url, data), recorder.folder.path());
+    recorder.child = Some(child);
+    let file = disk.data().join("record.parquet");
+    wait_until("the first rows", || last_kept(&file) >= Some(numbers[40]));
+    disk.fill();
+    wait_until("two thirds", || agent.next() > numbers[numbers.len() / 2]);
+    let acknowledged = last_kept(&file);
+    wait_until("the agent's end", || agent.next() > last);
+    assert_eq!(last_kept(&file), acknowledged, "nothing is acknowledged on a full disk");
+    disk.free();
+    wait_until("the last row", || last_kept(&file) == Some(last));
+
+    // Closing makes the file out of its parts, and there is no room for both now.
+    disk.fill();
+    let stopped = Command::new("kill").args(["-TERM", &disk.id.to_string()]).status();
+    assert!(stopped.expect("kill is there").success());
+    let output = recorder.child.take().expect("it ran").wait_with_output().expect("an end");
+    assert_eq!(output.status.code(), Some(4), "{}", both(&output));
+    let said = String::from_utf8_lossy(&output.stderr);
+    let expected = [
+        "nothing is kept any more",
+        "recording goes on",
+        "No space left",
+        "record.parquet.recording",
+    ];
+    assert!(expected.iter().all(|word| said.contains(word)), "{said}");
+    assert!(!recorder.file.exists());
+
+    // What was copied off the disk is closed by the same command where there is room.
+    let told = record_all_into_parquet(&mut recorder, &agent, last);
+    let table = store::Table::open(&recorder.file).expect("a table of ours");
+    let (mut had, mut gaps) = (vec![], vec![]);
+    for batch in table.batches().expect("rows") {
+        for row in store::observations::rows(&batch.expect("rows")).expect("observations") {
+            if row.texts[9] == store::observations::GAP {
+                let end: Json = serde_json::from_str(row.text.as_deref().expect("its end")).expect("JSON");
+                gaps.push((row.sequence, end["to_sequence"].as_u64().expect("a number")));
+            } else {
+                had.push(row.sequence);
+            }
+        }
+    }
+    let [(from, to)] = gaps[..] else { panic!("{gaps:?} {told}") };
+    assert_eq!(Some(from - 1), acknowledged);
+    let expected: Vec<u64> = numbers.into_iter().filter(|&n| n < from || n > to).collect();
+    assert_eq!(had, expected);
 }
 
 #[test]

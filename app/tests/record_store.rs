@@ -2,10 +2,13 @@
 
 #[path = "support/agent.rs"]
 mod agent;
+#[path = "support/small_disk.rs"]
+mod small_disk;
 
 use agent::{Agent, Script};
 use mtconnect::streams::read_streams;
 use serde_json::Value as Json;
+use small_disk::SmallDisk;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -381,17 +384,9 @@ fn what_the_agent_forgot_while_nobody_recorded_is_a_gap_with_its_numbers() {
     shop.verified();
 }
 
-/// A small file system of our own that goes away with its process.
-const ON_A_SMALL_DISK: &str = "mount -t tmpfs -o size=3m none \"$0\" || exit 99
-\"$@\" & echo $! > \"$PID_FILE\"; wait $!; code=$?; cp -r \"$0/data\" \"$COPY\"; exit $code";
-
 #[test]
 fn a_full_disk_stops_what_is_acknowledged_is_said_and_recording_goes_on_when_space_returns() {
-    let possible = Command::new("unshare")
-        .args(["-rm", "sh", "-c", "mount -t tmpfs none /tmp"])
-        .output();
-    if !possible.is_ok_and(|o| o.status.success()) {
-        println!("skipped: no file system can be mounted here; allow user namespaces, or run it as root");
+    if !SmallDisk::is_possible() {
         return;
     }
     let recording = own_recording();
@@ -403,63 +398,24 @@ fn a_full_disk_stops_what_is_acknowledged_is_said_and_recording_goes_on_when_spa
     };
     let agent = Agent::start(&recording, script);
     let mut shop = Shop::new();
-    let disk = shop.folder.path().join("disk");
-    std::fs::create_dir(&disk).expect("a folder");
-    let pid_file = shop.folder.path().join("pid");
-    let mut command = Command::new("unshare");
-    command.args(["-rm", "sh", "-c", ON_A_SMALL_DISK]).arg(&disk);
-    command.arg(env!("CARGO_BIN_EXE_toolmark"));
-    command.args([
-        "record",
-        &agent.url(),
-        "--json",
-        "--interval",
-        "10",
-        "--heartbeat",
-        "1000",
-        "--file-rows",
-        "60",
-        "--data",
-    ]);
-    command
-        .arg(disk.join("data"))
-        .env("PID_FILE", &pid_file)
-        .env("COPY", shop.data());
-    shop.child = Some(
-        command
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("started"),
-    );
-    let id = || {
-        std::fs::read_to_string(&pid_file)
-            .ok()
-            .and_then(|text| text.trim().parse::<u32>().ok())
+    let words = |data: &Path| {
+        let place = data.to_str().expect("a name");
+        let words = ["record", &agent.url(), "--json", "--interval", "10", "--heartbeat", "1000"];
+        let more = ["--file-rows", "60", "--data", place];
+        words.into_iter().chain(more).map(String::from).collect()
     };
-    shop.until("the process", |_| id().is_some());
-    let id = id().expect("a number");
-    // The disk as the recorder sees it.
-    let inside = PathBuf::from(format!("/proc/{id}/root")).join(disk.strip_prefix("/").expect("a whole path"));
-    shop.until("the first rows", |_| newest(&inside.join("data")) >= Some(all[40]));
-    let filler = inside.join("filler");
-    let mut file = std::fs::File::create(&filler).expect("made");
-    for size in [1 << 16, 1 << 12, 1] {
-        while std::io::Write::write_all(&mut file, &vec![1; size]).is_ok() {}
-    }
+    let (mut disk, child) = SmallDisk::start(words, &shop.data());
+    shop.child = Some(child);
+    shop.until("the first rows", |_| newest(&disk.data()) >= Some(all[40]));
+    disk.fill();
     // Something may be acknowledged until the last page in work is full.
     shop.until("two thirds", |_| agent.next() > all[all.len() / 2]);
-    let acknowledged = newest(&inside.join("data"));
+    let acknowledged = newest(&disk.data());
     shop.until("the agent's end", |_| agent.next() > last);
-    assert_eq!(
-        newest(&inside.join("data")),
-        acknowledged,
-        "nothing is acknowledged on a full disk"
-    );
-    std::fs::remove_file(&filler).expect("freed");
-    drop(file);
-    shop.until("the end", |_| newest(&inside.join("data")) == Some(last));
-    signal(id, "TERM");
+    assert_eq!(newest(&disk.data()), acknowledged, "nothing is acknowledged on a full disk");
+    disk.free();
+    shop.until("the end", |_| newest(&disk.data()) == Some(last));
+    signal(disk.id, "TERM");
     let output = shop.child.take().expect("it runs").wait_with_output().expect("an end");
     assert_eq!(output.status.code(), Some(0), "{}", both(&output));
     let told: Json = serde_json::from_slice(&output.stdout).expect("JSON");

@@ -157,6 +157,13 @@ fn an_exported_table_reads_back_to_the_same_numbers() {
         count += 1;
     }
     assert_eq!((rows.next(), samples.next(), count), (None, None, recorded.len()));
+    let array = data.path().with_extension("json");
+    ends(&toolmark(&[&out[..], &[text(&array)]].concat(), data.path()), 0);
+    let array: Vec<Value> = serde_json::from_slice(&std::fs::read(&array).expect("written")).expect("one array");
+    let objects: Vec<Value> = (lines_text.lines())
+        .map(|line| serde_json::from_str(line).expect("JSON"))
+        .collect();
+    assert_eq!(array, objects, "the same objects");
     let events = lines_text.lines().filter(|l| l.starts_with("{\"event\"")).count();
     let beside = std::fs::read_to_string(csv.with_extension("events.csv")).expect("written");
     assert_eq!(

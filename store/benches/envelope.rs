@@ -58,6 +58,7 @@ fn main() {
     let mut part = || random.next_u64() as f64 / u64::MAX as f64;
     let mut uniform = Vec::new();
     let mut zoomed = Vec::new();
+    let mut awkward = Vec::new();
     for _ in 0..RANGES {
         let (a, b) = (part(), part());
         let at = |part: f64| START.0 + (part * (end_ns - START.0) as f64) as i64;
@@ -66,6 +67,10 @@ fn main() {
         let width = (2e9_f64.ln() + part() * ((end_ns - START.0) as f64 / 2e9).ln()).exp() as i64;
         let from = START.0 + (part() * (end_ns - START.0 - width) as f64) as i64;
         zoomed.push((from, from + width));
+        // Pixels of 257 to 511 rows: little wider than the finest bucket, the dearest zooms that there are.
+        let width = (PIXELS as f64 * (257.0 + part() * 254.0) * 1e6) as i64;
+        let from = START.0 + (part() * (end_ns - START.0 - width) as f64) as i64;
+        awkward.push((from, from + width));
     }
     println!(
         "\n{} files, {:.1} MB of records, {:.1} MB of roll-ups\n",
@@ -79,6 +84,7 @@ fn main() {
         ("whole range", vec![whole; 20]),
         ("random ranges", uniform),
         ("random zooms", zoomed),
+        ("zooms to pixels of 1 to 2 buckets", awkward),
     ] {
         let (before, count) = (processor_ms(), spans.len() as f64);
         let mut took: Vec<f64> = spans.iter().map(|span| draw(&directory, *span)).collect();

@@ -288,6 +288,23 @@ fn a_curve_of_wide_pixels_is_exact_where_its_edges_moved() {
     }
 }
 
+/// Some buckets of 256 rows then fit into a pixel and some do not, and those that do are read with their neighbours.
+#[test]
+fn a_curve_whose_pixels_are_little_wider_than_a_bucket_is_exact() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (directory, _, rows) = machine_with_history(folder.path(), 9, &[60_000, 300, 25_000]);
+    let (first, last) = (rows[0].at_us, rows[rows.len() - 1].at_us);
+    for rows_of_a_pixel in [257, 300, 384, 450, 500, 511, 513, 700] {
+        let span = Span {
+            from: micros(first + 13_000),
+            to: micros(last - 7_000),
+        };
+        let pixels = rows.len() / rows_of_a_pixel;
+        let curve = directory.envelope(Of::Machine(MACHINE), LOAD, span, pixels).expect("drawn");
+        check_curve(&curve.pixels, span, &rows, |s| s.load);
+    }
+}
+
 #[test]
 fn a_single_lost_row_is_a_gap_at_any_resolution() {
     let folder = tempfile::tempdir().expect("a folder");

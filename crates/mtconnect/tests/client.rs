@@ -302,9 +302,66 @@ fn an_agent_that_gives_no_sign_of_life_is_left_and_asked_again() {
     };
     assert_eq!(until, Duration::from_secs(3));
     line.now = until;
+    assert_eq!(line.client.action(line.now), Action::Receive(until), "a last look");
     assert_eq!(line.client.action(line.now), Action::Close);
     assert!(line.request().contains("from=1&"));
     assert!(line.client.trouble().expect("a reason").contains("no sign of life"));
+}
+
+/// As after a laptop's sleep, or a stopped process.
+#[test]
+fn what_waited_in_the_line_while_nobody_looked_is_a_sign_of_life() {
+    let mut line = Line::to("http://a:5000/sample?heartbeat=1000&interval=0", None);
+    line.begun(7, 1, 9);
+    line.stream();
+    line.now += Duration::from_secs(3600);
+    assert_eq!(line.client.action(line.now), Action::Receive(line.now));
+    line.part(&streams(7, 1, 5, &[1, 2, 3, 4]));
+    assert_eq!(
+        line.client.action(line.now),
+        Action::Receive(line.now + Duration::from_secs(3))
+    );
+    assert_eq!(line.seen, "agent 7\n1 2 3 4\n");
+    assert_eq!((line.client.counters().cuts, line.client.trouble()), (0, None));
+}
+
+/// 500 slots, a thousand observations a second, and a tenth of a second from `current` to `sample`.
+#[test]
+fn a_buffer_that_moves_on_faster_than_it_is_asked_for_is_caught_further_back() {
+    let mut line = Line::to("http://a:5000", None);
+    line.begun(7, 1, 5);
+    line.stream();
+    line.part(&streams(7, 1, 5, &[1, 2, 3, 4]));
+    line.client.closed(line.now, "reset");
+    let mut newest = 10_000;
+    let mut asked = line.request();
+    let mut rounds = 0;
+    loop {
+        let from: u64 = asked
+            .split("from=")
+            .nth(1)
+            .and_then(|t| t.split('&').next())
+            .expect("a number")
+            .parse()
+            .expect("one");
+        newest += 100;
+        if from > newest - 500 {
+            line.stream();
+            line.part(&streams(7, newest - 499, newest + 1, &(from..=newest).collect::<Vec<_>>()));
+            let seen = line.seen.replace("agent 7\n", "");
+            assert!(
+                seen.starts_with(&format!("1 2 3 4\ngap overrun of 7: 5 to Some({})\n{from} ", from - 1)),
+                "{seen}"
+            );
+            break;
+        }
+        rounds += 1;
+        assert!(rounds < 10, "it is never caught");
+        line.answer(&error("OUT_OF_RANGE"));
+        assert!(line.request().contains("/current"));
+        line.answer(&streams(7, newest - 499, newest + 1, &[]));
+        asked = line.request();
+    }
 }
 
 /// How it ends when every connection fails in the same way.

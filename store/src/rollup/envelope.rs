@@ -131,10 +131,10 @@ fn draw(plot: &mut Plot, source: &Source, channel: &str) -> Result<(), StoreErro
                 };
             }
             if plot.takes(&bucket) {
-                if let Some(rows) = &mut rows {
-                    rows.flush(plot)?;
+                match &mut rows {
+                    Some(rows) => rows.whole(bucket, plot)?,
+                    None => plot.add_whole(&bucket),
                 }
-                plot.add(bucket.first_us, bucket.last_us, bucket.gaps, &bucket.summary);
                 return Ok(Next::Done);
             }
             if bucket.level > 0 {
@@ -159,10 +159,15 @@ struct RawRows<'a> {
     channel: Option<&'a str>,
     open: Option<OpenRaw>,
     wanted: Vec<Bucket>,
+    /// How many of the last ones need not be read: they are only when one behind them is.
+    whole: usize,
 }
 
 /// So many buckets are read at once at most.
 const AT_ONCE: usize = 4096;
+/// To begin reading anew costs as much as the rows of so many buckets. Where a pixel is little wider than a bucket, every second bucket
+/// fits into one, and reading around each of those made such a curve ten times as slow.
+const BRIDGE: usize = 64;
 
 impl<'a> RawRows<'a> {
     fn new(raw: &'a Raw, channel: Option<&'a str>) -> Self {
@@ -171,20 +176,47 @@ impl<'a> RawRows<'a> {
             channel,
             open: None,
             wanted: Vec::new(),
+            whole: 0,
         }
     }
 
+    /// The rows of a bucket are to be read.
     fn want(&mut self, bucket: Bucket, plot: &mut Plot) -> Result<(), StoreError> {
-        let follows = self.wanted.last().is_none_or(|last| last.row + last.rows == bucket.row);
-        if !follows || self.wanted.len() == AT_ONCE {
+        if !self.follows(&bucket) {
             self.flush(plot)?;
         }
         self.wanted.push(bucket);
+        self.whole = 0;
         Ok(())
     }
 
+    /// A bucket can be taken whole.
+    fn whole(&mut self, bucket: Bucket, plot: &mut Plot) -> Result<(), StoreError> {
+        if self.wanted.is_empty() || bucket.level > 0 || self.whole == BRIDGE || !self.follows(&bucket) {
+            self.flush(plot)?;
+            plot.add_whole(&bucket);
+            return Ok(());
+        }
+        self.wanted.push(bucket);
+        self.whole += 1;
+        Ok(())
+    }
+
+    fn follows(&self, bucket: &Bucket) -> bool {
+        let last = self.wanted.last();
+        last.is_none_or(|last| last.row + last.rows == bucket.row) && self.wanted.len() < AT_ONCE
+    }
+
+    /// Puts everything that waits into the plot.
     fn flush(&mut self, plot: &mut Plot) -> Result<(), StoreError> {
-        let wanted = std::mem::take(&mut self.wanted);
+        let mut wanted = std::mem::take(&mut self.wanted);
+        let whole = wanted.split_off(wanted.len() - std::mem::take(&mut self.whole));
+        self.read(wanted, plot)?;
+        whole.iter().for_each(|bucket| plot.add_whole(bucket));
+        Ok(())
+    }
+
+    fn read(&mut self, wanted: Vec<Bucket>, plot: &mut Plot) -> Result<(), StoreError> {
         let (Some(first), Some(last)) = (wanted.first(), wanted.last()) else {
             return Ok(());
         };
@@ -367,6 +399,11 @@ impl Plot {
         drawn.pixel.gaps += u64::from(gaps);
         drawn.pixel.add(raw, column);
         &mut drawn.pixel
+    }
+
+    /// Puts in a bucket that is not cut by the edge of a pixel, or whose edge moves.
+    fn add_whole(&mut self, bucket: &Bucket) {
+        self.add(bucket.first_us, bucket.last_us, bucket.gaps, &bucket.summary);
     }
 
     /// Puts in a bucket of the finest level whose rows are gone, though it does not fit.

@@ -59,9 +59,9 @@ pub struct Selection<'a> {
 /// There is no such job, channel or time, a record is damaged, or the file cannot be written.
 pub fn export(root: &Path, job: &str, wanted: &Wanted<'_>, common: &Common) -> Done {
     let ending = wanted.out.extension().and_then(|e| e.to_str()).unwrap_or_default();
-    if !["csv", "jsonl", "parquet", "mf4"].contains(&ending) {
+    if !["csv", "json", "jsonl", "parquet", "mf4"].contains(&ending) {
         return Err(Failure::usage(format_args!(
-            "--out {}: the ending says what is written: .csv, .jsonl, .parquet or .mf4 was expected",
+            "--out {}: the ending says what is written: .csv, .json, .jsonl, .parquet or .mf4 was expected",
             wanted.out.display()
         )));
     }
@@ -94,7 +94,7 @@ pub fn export(root: &Path, job: &str, wanted: &Wanted<'_>, common: &Common) -> D
     };
     match ending {
         "csv" => csv(&selection, wanted.out, &mut done)?,
-        "jsonl" => json_lines(&selection, found, wanted.out, &mut done)?,
+        "json" | "jsonl" => json_objects(&selection, found, wanted.out, &mut done)?,
         "mf4" => done.rows = mdf::write(&selection, wanted.out)?,
         _ => parquet(&selection, found, whole, wanted.out, &mut done)?,
     }
@@ -302,9 +302,45 @@ pub(super) fn quoted(text: &str) -> String {
     }
 }
 
-fn json_lines(selection: &Selection<'_>, found: &Found, path: &Path, done: &mut Written) -> Result<(), Failure> {
-    let mut file = create(path)?;
-    let failed = |e: std::io::Error| Failure::writing(path, e);
+/// JSON objects, each on a line of its own: as they are, or as the elements of one array.
+pub(super) struct Objects<'a> {
+    file: BufWriter<WholeFile>,
+    path: &'a Path,
+    is_array: bool,
+    before: &'static str,
+}
+
+impl<'a> Objects<'a> {
+    /// An array where the file's ending is `.json`.
+    pub(super) fn create(path: &'a Path) -> Result<Objects<'a>, Failure> {
+        let is_array = path.extension().is_some_and(|e| e == "json");
+        Ok(Objects {
+            file: create(path)?,
+            path,
+            is_array,
+            before: if is_array { "[\n" } else { "" },
+        })
+    }
+
+    pub(super) fn put(&mut self, object: &Value) -> Result<(), Failure> {
+        let before = std::mem::replace(&mut self.before, if self.is_array { ",\n" } else { "\n" });
+        write!(self.file, "{before}{object}").map_err(|e| Failure::writing(self.path, e))
+    }
+
+    pub(super) fn finish(mut self) -> Result<(), Failure> {
+        let end = match (self.is_array, self.before) {
+            (true, "[\n") => "[]\n",
+            (true, _) => "\n]\n",
+            (false, "") => "",
+            (false, _) => "\n",
+        };
+        write!(self.file, "{end}").map_err(|e| Failure::writing(self.path, e))?;
+        finish(self.file, self.path)
+    }
+}
+
+fn json_objects(selection: &Selection<'_>, found: &Found, path: &Path, done: &mut Written) -> Result<(), Failure> {
+    let mut file = Objects::create(path)?;
     let channels: Vec<Value> = selection
         .columns
         .iter()
@@ -323,12 +359,12 @@ fn json_lines(selection: &Selection<'_>, found: &Found, path: &Path, done: &mut 
         "records_sha256": found.records.iter().map(|r| r.hash.to_string()).collect::<Vec<_>>(),
         "channels": channels,
     }});
-    writeln!(file, "{head}").map_err(failed)?;
+    file.put(&head)?;
     let mut events = selection.events(&found.events).peekable();
     let mut count = 0;
     done.rows = selection.each(|row, readings| {
         while let Some(event) = events.next_if(|event| event.at_ns <= row.at.0) {
-            writeln!(file, "{}", json!({ "event": event })).map_err(failed)?;
+            file.put(&json!({ "event": event }))?;
             count += 1;
         }
         let readings: Map<String, Value> = selection
@@ -348,14 +384,14 @@ fn json_lines(selection: &Selection<'_>, found: &Found, path: &Path, done: &mut 
             "quality": format!("{:?}", row.quality),
             "readings": readings,
         }});
-        writeln!(file, "{sample}").map_err(failed)
+        file.put(&sample)
     })?;
     for event in events {
-        writeln!(file, "{}", json!({ "event": event })).map_err(failed)?;
+        file.put(&json!({ "event": event }))?;
         count += 1;
     }
     done.events = count;
-    finish(file, path)
+    file.finish()
 }
 
 fn parquet(selection: &Selection<'_>, found: &Found, whole: bool, path: &Path, done: &mut Written) -> Result<(), Failure> {
@@ -363,7 +399,7 @@ fn parquet(selection: &Selection<'_>, found: &Found, whole: bool, path: &Path, d
     let ([reader], [row]) = (selection.readers, &rows[..]) else {
         return Err(Failure::usage(format_args!(
             "job {} has {} records, which are Parquet files already; copy them from where toolmark trace show says they are, or \
-             export .csv, .jsonl or .mf4, which hold them in one file",
+             export .csv, .json, .jsonl or .mf4, which hold them in one file",
             found.job.id,
             rows.len()
         )));

@@ -209,44 +209,59 @@ pub fn export(
         "parquet" => return parquet(found, wanted, done),
         "mf4" => {
             return Err(Failure::usage(
-                "a recording of observations has no rows at even distances, which MDF 4 wants: export .csv, .jsonl or .parquet",
+                "a recording of observations has no rows at even distances, which MDF 4 wants: export .csv, .json, .jsonl or .parquet",
             ));
         }
         _ => {}
     }
-    let mut file = export::create(wanted.out)?;
-    let failed = |e: std::io::Error| Failure::writing(wanted.out, e);
-    let is_csv = ending == "csv";
-    if is_csv {
-        writeln!(file, "{HEAD}").map_err(failed)?;
+    if ending == "csv" {
+        return csv(found, wanted, span, done);
     }
+    let mut file = export::Objects::create(wanted.out)?;
+    done.rows = each_wanted(found, wanted, &span, |row| file.put(&json_line(row)))?;
+    for event in found.events.iter().filter(|event| span.contains(&event.at().micros())) {
+        file.put(&json!({ "event": event }))?;
+        done.events += 1;
+    }
+    file.finish()
+}
+
+/// Gives every observation that is asked for.
+fn each_wanted(
+    found: &Found,
+    wanted: &Wanted<'_>,
+    span: &Range<i64>,
+    mut take: impl FnMut(&Row<'_>) -> Result<(), Failure>,
+) -> Result<u64, Failure> {
     let mut count = 0;
     each(found, "export", |row| {
         if span.contains(&row.at.micros()) && is_wanted(row, wanted.channels) {
             count += 1;
-            let line = if is_csv { csv_line(row) } else { json_line(row).to_string() };
-            writeln!(file, "{line}").map_err(failed)?;
+            take(row)?;
         }
         Ok(())
     })?;
-    done.rows = count;
-    if is_csv {
-        let beside = wanted.out.with_extension("events.csv");
-        let selection = Selection {
-            readers: &[],
-            columns: &[],
-            span,
-            start: found.job.start,
-        };
-        done.events = export::events_csv(&selection, &found.events, &beside)?;
-        done.files.push(beside);
-    } else {
-        for event in found.events.iter().filter(|event| span.contains(&event.at().micros())) {
-            writeln!(file, "{}", json!({ "event": event })).map_err(failed)?;
-            done.events += 1;
-        }
-    }
-    export::finish(file, wanted.out)
+    Ok(count)
+}
+
+fn csv(found: &Found, wanted: &Wanted<'_>, span: Range<i64>, done: &mut Written) -> Result<(), Failure> {
+    let mut file = export::create(wanted.out)?;
+    let failed = |e: std::io::Error| Failure::writing(wanted.out, e);
+    writeln!(file, "{HEAD}").map_err(failed)?;
+    done.rows = each_wanted(found, wanted, &span, |row| {
+        writeln!(file, "{}", csv_line(row)).map_err(failed)
+    })?;
+    export::finish(file, wanted.out)?;
+    let beside = wanted.out.with_extension("events.csv");
+    let selection = Selection {
+        readers: &[],
+        columns: &[],
+        span,
+        start: found.job.start,
+    };
+    done.events = export::events_csv(&selection, &found.events, &beside)?;
+    done.files.push(beside);
+    Ok(())
 }
 
 fn parquet(found: &Found, wanted: &Wanted<'_>, done: &mut Written) -> Result<(), Failure> {
@@ -259,7 +274,7 @@ fn parquet(found: &Found, wanted: &Wanted<'_>, done: &mut Written) -> Result<(),
         }
         _ => Err(Failure::usage(format_args!(
             "job {} has {} records of observations, which are Parquet files already; copy them from where toolmark trace show says \
-             they are, or export .csv or .jsonl, which hold them, or a choice of them, in one file",
+             they are, or export .csv, .json or .jsonl, which hold them, or a choice of them, in one file",
             found.job.id,
             rows.len()
         ))),

@@ -133,6 +133,8 @@ pub struct Client {
     broken: (u64, u32),
     /// The same for refusals.
     out_of_range: (u64, u32),
+    /// How often in a row the buffer's beginning was gone when it was asked for.
+    chases: u32,
     buffer_size: u64,
     /// Time of the newest observation of each data item.
     newest: Vec<Timestamp>,
@@ -169,6 +171,8 @@ struct Conversation {
     /// To be sent, not before that.
     send_at: Option<Duration>,
     heard: Duration,
+    /// The deadline is over and the line was looked at once more: bytes may have waited there while we did not run.
+    looked: bool,
 }
 
 /// How it goes on after a document.
@@ -205,6 +209,7 @@ impl Client {
             reason: String::new(),
             broken: (0, 0),
             out_of_range: (0, 0),
+            chases: 0,
             buffer_size: 0,
             newest: Vec::new(),
         }
@@ -236,13 +241,20 @@ impl Client {
                 match talk.send_at {
                     Some(at) if at <= now => {
                         talk.send_at = None;
-                        talk.heard = now;
+                        (talk.heard, talk.looked) = (now, false);
                         return Action::Send(self.query.request(self.request()));
                     }
                     Some(at) => return Action::Wait(at),
                     None => {}
                 }
-                let deadline = talk.heard + self.patience();
+                let (heard, looked) = (talk.heard, talk.looked);
+                let deadline = heard + self.patience();
+                if now >= deadline && !looked {
+                    if let Link::Open(talk) = &mut self.link {
+                        talk.looked = true;
+                    }
+                    return Action::Receive(now);
+                }
                 if now >= deadline {
                     let seconds = self.patience().as_secs_f64();
                     self.failed(now, format!("the agent gave no sign of life for {seconds} s"));
@@ -264,6 +276,7 @@ impl Client {
             body: Vec::new(),
             send_at: Some(now),
             heard: now,
+            looked: false,
         }));
     }
 
@@ -305,7 +318,7 @@ impl Client {
             self.link = link;
             return;
         };
-        talk.heard = now;
+        (talk.heard, talk.looked) = (now, false);
         match self.listen(now, &mut talk, bytes) {
             After::GoOn | After::Ask => self.link = Link::Open(talk),
             After::Reconnect => {

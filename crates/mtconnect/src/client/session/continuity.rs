@@ -51,13 +51,19 @@ impl Client {
             Some(position) => position,
         };
         self.position = Some(begin);
-        self.lost_before(first);
+        // A small buffer that fills quickly has moved on again whenever its beginning is asked for: behind two such chases each further
+        // one begins an eighth of the buffer later, at the newest number at last.
+        let has_moved = begin.next < first;
+        self.chases = if has_moved { self.chases + 1 } else { 0 };
+        let later = (next.saturating_sub(first)).saturating_mul(u64::from(self.chases.saturating_sub(2).min(8))) / 8;
+        let from = if next == u64::MAX { first } else { first + later };
+        self.lost_before(from);
         self.ask = Ask::Sample;
         self.events.push_back(Event::Agent(header));
         After::Ask
     }
 
-    /// The agent has nothing before `first` any more.
+    /// The agent has nothing before `first` any more, or will not when it is asked.
     fn lost_before(&mut self, first: u64) {
         let Some(position) = self.position.filter(|p| p.next < first) else {
             return;
@@ -105,6 +111,7 @@ impl Client {
         self.broken = (0, 0);
         self.look_at_times(header, &told);
         if let Some(first) = told.first() {
+            self.chases = 0;
             for mut gap in self.open_gaps.drain(..) {
                 gap.to = Some(first.at);
                 self.events.push_back(Event::Gap(gap));
