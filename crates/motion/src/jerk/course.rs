@@ -249,7 +249,11 @@ impl Course {
         for (k, half) in reach.iter().enumerate().take(last).skip(first) {
             self.joints[k].half = *half;
             let s = self.joints[k].s;
-            let aside = if self.joints[k].sizes[1] > 0.0 { EASING_PLACE * half } else { 0.0 };
+            let aside = if self.joints[k].sizes[1] > 0.0 {
+                EASING_PLACE * half
+            } else {
+                0.0
+            };
             for place in [s - aside, s, s + aside] {
                 self.deviation = self.deviation.max(length(self.off(k, place, &reach)));
             }

@@ -8,6 +8,11 @@
 //!
 //! [`JerkPlanner`] joins them from rest to rest and looks at the motion every millisecond.
 
+#![allow(
+    clippy::needless_range_loop,
+    reason = "an index is a border of the grid or a joint, and speaks of several lists at once"
+)]
+
 mod chords;
 mod course;
 mod kernel;
