@@ -110,8 +110,8 @@ pub enum Command {
 /// `toolmark hold`
 #[derive(Debug, Args)]
 pub struct HoldArgs {
-    /// The number of the job.
-    pub job: i64,
+    /// The number of the job, or `last`.
+    pub job: String,
     /// Release it.
     #[arg(long)]
     pub release: bool,

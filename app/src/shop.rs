@@ -5,6 +5,8 @@ use crate::clock;
 use crate::failure::{Exit, Failure};
 use machine::MachineParameters;
 use motion::Limits;
+use plan::Tables;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use store::machine_file::MachineKind;
@@ -148,6 +150,46 @@ pub fn read_data(root: &Path) -> Result<DataDirectory, Failure> {
     let interrupted = directory.interrupted_jobs().map_err(failure)?;
     interrupted.iter().for_each(|job| notice(&job.to_string()));
     Ok(directory)
+}
+
+/// What a program meets on a machine now: its tools and offsets, and the variables that its control has kept.
+pub struct InForce {
+    /// Tools and offsets.
+    pub tables: Tables,
+    /// #500 and on.
+    pub variables: BTreeMap<u32, f64>,
+    /// Where they come from, for people.
+    pub source: String,
+}
+
+/// The offsets in force: of the data directory, where there is one; else those of the machine file. Changes nothing.
+///
+/// # Errors
+/// A process works in the data directory, or it cannot be read.
+pub fn in_force(common: &Common, machine: &MachineFile) -> Result<InForce, Failure> {
+    // Without a place for data there is none.
+    let directory = match data_path(common) {
+        Err(_) => None,
+        Ok(root) => match DataDirectory::read(&root) {
+            Err(StoreError::NoDirectory(_)) => None,
+            read => Some((root, read.map_err(failure)?)),
+        },
+    };
+    match directory {
+        Some((root, directory)) => {
+            say_log_problem(&directory);
+            Ok(InForce {
+                tables: directory.tables(machine).map_err(failure)?,
+                variables: directory.variables(machine).map_err(failure)?,
+                source: format!("offsets in force, from {}", root.display()),
+            })
+        }
+        None => Ok(InForce {
+            tables: store::registers::tables(machine, &BTreeMap::new()).map_err(failure)?,
+            variables: BTreeMap::new(),
+            source: format!("offsets of the machine file of {}: there is no data directory", machine.name),
+        }),
+    }
 }
 
 /// From here on a data directory is open, and the JSON answer has its notices.

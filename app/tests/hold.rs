@@ -40,6 +40,9 @@ fn rows_of_long_ago_are_removed_but_not_those_of_a_job_on_hold() {
     assert_eq!(without_reason.status.code(), Some(2));
     let unknown = toolmark(&["hold", "77", "--reason", "x"], data.path());
     assert_eq!(unknown.status.code(), Some(2));
+    let last = json(&toolmark(&["hold", "last", "--reason", "looked at", "--json"], data.path()));
+    assert_eq!(last["job"], Value::from(2));
+    toolmark(&["hold", "last", "--release", "--reason", "settled"], data.path());
     let held = toolmark(
         &["hold", "1", "--reason", "the customer asked", "--operator", "Maria", "--json"],
         data.path(),

@@ -311,7 +311,7 @@ fn with_sizing_every_part_of_a_hundred_is_good_and_without_it_the_tool_wears_out
     let shop = Shop::new(JOB);
     let out = shop.path("study");
     let folder = out.display().to_string();
-    let told = shop.json(1, 0, &["size", "study", "--out", &folder, "--seeds", "2"]);
+    let told = shop.json(1, 0, &["size", "study", "--out", &folder, "--seeds", "20"]);
     for course in told["courses"].as_array().expect("courses") {
         let bad = course["out_of_tolerance"].as_array().expect("parts");
         if course["sizing"] == true {
@@ -324,4 +324,104 @@ fn with_sizing_every_part_of_a_hundred_is_good_and_without_it_the_tool_wears_out
     }
     let page = std::fs::read_to_string(out.join("study.html")).expect("reads");
     assert!(page.contains("SIMULATED") && page.contains("<svg"));
+}
+
+#[test]
+fn check_and_plan_use_the_offsets_in_force_and_say_where_they_come_from() {
+    let shop = Shop::new(JOB);
+    let program = shop.path("seat.nc").display().to_string();
+    std::fs::write(
+        &program,
+        "O1\nG20G18G40G99\nG50S2000\nT0505\nG97S1000M3\nG0X3.5Z.1\nG1Z-.5F.01\nG0X4.\nM30\n",
+    )
+    .expect("written");
+    let planned = |second: u32| {
+        let out = shop.path("plan.csv").display().to_string();
+        shop.good(
+            second,
+            &[
+                "plan",
+                &program,
+                "--out",
+                &out,
+                "--machine",
+                "sim-lathe",
+                "--frame",
+                "machine",
+            ],
+        );
+        let text = std::fs::read_to_string(out).expect("written");
+        let last = text.lines().last().expect("rows").to_owned();
+        let x = text
+            .lines()
+            .next()
+            .expect("a header")
+            .split(',')
+            .position(|c| c == "x_mm" || c == "x")
+            .expect("a column x");
+        last.split(',').nth(x).expect("a value").parse::<f64>().expect("a number")
+    };
+    let before = planned(1);
+    shop.enter(10, 0, "3.2351", &[]);
+    // -0.0009 in on the diameter.
+    assert!(
+        (planned(20) - before + 0.0009 * 25.4 / 2.0).abs() < 1e-6,
+        "{before} and {}",
+        planned(21)
+    );
+    let told = shop.json(30, 0, &["check", &program, "--machine", "sim-lathe"]);
+    assert!(
+        told["offsets"].as_str().is_some_and(|o| o.starts_with("offsets in force")),
+        "{told}"
+    );
+}
+
+/// A slot by the radius of its cutter, and two depths that one length makes.
+const MILLED: &str = "name = \"PLATE\"\nnumber = 79\nunit = \"mm\"\n[[dimension]]\nname = \"SLOT\"\nkind = \"inside width\"\nnominal = 12\n\
+                      tolerance = 0.05\ntool = 2\naxis = \"radius\"\n[[dimension]]\nname = \"FLOOR\"\nkind = \"depth\"\nnominal = 8\n\
+                      tolerance = 0.05\ntool = 2\nrole = \"mean\"\nlargest_step = 0.05\n[[dimension]]\nname = \"STEP\"\nkind = \"depth\"\n\
+                      nominal = 3\ntolerance = 0.05\ntool = 2\nrole = \"mean\"\nlargest_step = 0.05\n";
+
+#[test]
+fn a_mill_gets_macros_with_their_proof_and_a_lathes_control_is_refused() {
+    let shop = Shop::new(MILLED);
+    let program = shop.path("PART.nc").display().to_string();
+    std::fs::write(
+        &program,
+        "%\nO1\nG21G90G54\nT2M6\nS500M3\nG43H2G0Z5.\nG1Z-1.F100\nG0Z5.\nM30\n%\n",
+    )
+    .expect("written");
+    for method in ["t-word", "g65"] {
+        let out = shop.path(method).display().to_string();
+        let words = [
+            "size",
+            "generate",
+            "--control",
+            "fanuc-mill",
+            "--method",
+            method,
+            "--out",
+            &out,
+            "--program",
+            &program,
+        ];
+        let told = shop.json(1, 0, &words);
+        assert_eq!(
+            (&told["released"], &told["proof"]["different"]),
+            (&Value::from(true), &Value::from(0)),
+            "{told}"
+        );
+        let situations = told["proof"]["situations"].to_string();
+        assert!(situations.contains("FLOOR and STEP move one register"), "{situations}");
+        assert!(situations.contains("same 3 moves as before"), "{situations}");
+        let changed = std::fs::read_to_string(shop.path(method).join("PART.nc")).expect("reads");
+        assert_eq!(
+            changed.matches("G65 P8002").count(),
+            if method == "g65" { 3 } else { 0 },
+            "{changed}"
+        );
+    }
+    let out = shop.path("lathe").display().to_string();
+    let (exit, _, err) = shop.run(2, &["size", "generate", "--control", "fanuc-lathe", "--out", &out]);
+    assert!(exit == 2 && err.contains("is the control of a lathe"), "{exit} {err}");
 }

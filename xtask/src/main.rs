@@ -34,6 +34,13 @@ const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
         200,
     ),
     (
+        "sizing",
+        "store",
+        "killed_between_any_two_writes_a_change_is_applied_once_or_not_at_all_and_the_log_says_which",
+        "KILLS",
+        200,
+    ),
+    (
         "recording",
         "store",
         "a_recording_killed_at_any_moment_has_every_acknowledged_row_once",

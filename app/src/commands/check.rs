@@ -7,7 +7,6 @@ use crate::program::{Program, machine_for, named_machine};
 use crate::survey::{Check, State, checks, survey};
 use crate::{say, shop};
 use serde_json::json;
-use std::collections::BTreeMap;
 use store::MachineFile;
 use units::{Axis, Millimetres};
 
@@ -16,13 +15,18 @@ use units::{Axis, Millimetres};
 /// # Errors
 /// The program or the machine file cannot be read.
 pub fn check(args: &ProgramArgs, common: &Common) -> Done {
-    let program = Program::open(
+    let mut program = Program::open(
         &args.program,
         common.dialect.as_deref(),
         named_machine(&common.machine)?.as_ref(),
     )?;
     let machine = machine_for(&common.machine, program.turns())?;
-    let tables = store::registers::tables(&machine, &BTreeMap::new()).map_err(shop::failure)?;
+    let shop::InForce {
+        tables,
+        variables,
+        source,
+    } = shop::in_force(common, &machine)?;
+    program.variables = variables;
     let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
     let all = checks(&found, travels(&machine), &tables);
     let worst = worst(&all);
@@ -32,12 +36,14 @@ pub fn check(args: &ProgramArgs, common: &Common) -> Done {
             "program": program.name,
             "machine": machine.name,
             "dialect": { "name": dialect, "because": because },
+            "offsets": source,
             "checks": all,
             "verdict": worst,
             "time_s": found.statistics.time.0,
         }))?;
     } else {
         say(&format!("{} on {} ({dialect}: {because})", program.name, machine.name));
+        say(&format!(" {source}"));
         all.iter().for_each(print);
         say(match worst {
             State::Ok => "ready",

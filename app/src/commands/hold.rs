@@ -1,11 +1,11 @@
 //! `toolmark hold`: a job whose records stay whatever their age, and its release.
 
+use super::trace::job_named;
 use super::{Done, print_json};
 use crate::cli::{Common, HoldArgs};
 use crate::failure::{Exit, Failure};
 use crate::{clock, say, shop};
 use serde_json::json;
-use store::JobId;
 
 /// Runs the command.
 ///
@@ -17,7 +17,7 @@ pub fn hold(args: &HoldArgs, common: &Common) -> Done {
     let at = clock::start_time(common.start.as_deref())?;
     let who = shop::operator(common);
     let mut directory = shop::data_directory(common)?;
-    let job = JobId(args.job);
+    let job = job_named(&directory, &args.job)?.id;
     if args.release {
         directory.release_job(job, &who, why, at).map_err(shop::failure)?;
     } else {

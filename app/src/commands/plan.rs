@@ -10,7 +10,6 @@ use crate::{say, shop};
 use ::plan::StepKind;
 use motion::{Limits, Output, Trajectory};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 use std::path::Path;
 use units::{Machine, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Point, Setup, TICK, Transform, Vector};
 
@@ -26,13 +25,18 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
             args.out.display()
         )));
     }
-    let program = Program::open(
+    let mut program = Program::open(
         &args.program,
         common.dialect.as_deref(),
         named_machine(&common.machine)?.as_ref(),
     )?;
     let machine = machine_for(&common.machine, program.turns())?;
-    let tables = store::registers::tables(&machine, &BTreeMap::new()).map_err(shop::failure)?;
+    let shop::InForce {
+        tables,
+        variables,
+        source,
+    } = shop::in_force(common, &machine)?;
+    program.variables = variables;
     let limits = match &args.limits {
         None => shop::limits(&machine),
         Some(file) => read_limits(file, shop::limits(&machine))?,
@@ -92,6 +96,7 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
             "worst_ratio": { "v": s.worst_speed_ratio, "a": s.worst_acceleration_ratio, "j": s.worst_jerk_ratio },
             "dialect": { "name": dialect, "because": because },
             "frame": match args.frame { FrameName::Machine => "machine", FrameName::Setup => "setup" },
+            "offsets": source,
             "remarks": trajectory.stream().diagnostics(),
         }))?;
     } else {

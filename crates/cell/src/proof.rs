@@ -4,12 +4,15 @@
 //! the alarm, the register, the entry that is cleared, the counter, the tool in the turret, and every other variable that the set-up
 //! wrote, which must be as it was.
 
+mod entries;
+
+use entries::{by_law, grid, mean_by_law, near_target};
 use gcode::interpretation::{AlarmKind, MachineKind};
 use gcode::{Interpretation, Setup, interpret};
 use serde_json::json;
 use sizing::control::Control;
 use sizing::generate::{self, Generated, Method, call, t_word};
-use sizing::{Dimension, Entry, EntryError, Present, Unit};
+use sizing::{Correction, Dimension, Entry, EntryError, Others, Present, Role, Unit};
 use std::collections::{BTreeMap, BTreeSet};
 use units::Timestamp;
 
@@ -48,11 +51,17 @@ pub fn prove(generated: &Generated, control: &Control, least: usize) -> Proof {
     for (k, dimension) in (1..).zip(&generated.dimensions) {
         let entries = grid(dimension, each, generated.method);
         proof.entries.push((dimension.name.clone(), entries.len()));
+        if dimension.role == Role::Mean {
+            continue; // with the others of its register, below
+        }
         for (n, typed) in entries.iter().enumerate() {
             // Three states of the register: new, corrected, and corrected the other way.
             let before = [0.0, -0.012, 0.007][n % 3];
             bench.one(&mut proof, &ready, k, dimension, typed.as_deref(), before);
         }
+    }
+    for first in 0..generated.dimensions.len() {
+        bench.mean(&mut proof, &ready, first);
     }
     bench.another_job(&mut proof, &ready);
     bench.power_loss(&mut proof, &ready);
@@ -126,15 +135,23 @@ struct Bench<'a> {
 impl Bench<'_> {
     fn setup(&self, vars: Variables) -> Setup {
         Setup {
-            machine: MachineKind::Lathe,
+            machine: match self.control.mill {
+                true => MachineKind::Mill,
+                false => MachineKind::Lathe,
+            },
             units: match self.generated.unit {
                 Unit::Mm => gcode::interpretation::Unit::Mm,
                 Unit::Inch => gcode::interpretation::Unit::Inch,
             },
-            params: BTreeMap::from([(
-                "6001.5".to_owned(),
-                f64::from(u8::from(self.generated.method == Method::TWord)),
-            )]),
+            params: {
+                let own = self.control.parameters.iter();
+                let mut all: BTreeMap<String, f64> = own.map(|(n, v)| (n.clone(), *v as f64)).collect();
+                all.insert(
+                    "6001.5".to_owned(),
+                    f64::from(u8::from(self.generated.method == Method::TWord)),
+                );
+                all
+            },
             vars,
             control: Some(self.control.dialect.clone()),
             ..Setup::default()
@@ -188,57 +205,79 @@ impl Bench<'_> {
     /// The offset registers that a run may touch, and those that it must not: all columns of every offset in the job.
     fn registers(&self) -> BTreeSet<u32> {
         let mut all = BTreeSet::new();
-        for dimension in &self.generated.dimensions {
-            let bases = [Some(self.control.wear_x), Some(self.control.wear_z)];
+        let (control, dimensions) = (self.control, &self.generated.dimensions);
+        for (index, dimension) in dimensions.iter().enumerate() {
+            let bases = [control.wear_x, control.wear_y, control.wear_z, control.wear_radius];
             for base in bases.into_iter().flatten() {
                 all.insert(base + dimension.offset);
                 if self.generated.method == Method::G65 {
-                    all.insert(base + dimension.offset + self.control.secondary);
+                    all.insert(base + call::entry_offset(dimensions, index, control));
                 }
             }
         }
         all
     }
 
-    fn entry_variable(&self, k: u32, dimension: &Dimension) -> u32 {
+    fn entry_variable(&self, k: u32) -> u32 {
         match self.generated.method {
             Method::TWord => self.generated.layout.entry + k,
-            Method::G65 => call::entry_variable(dimension, self.control),
+            Method::G65 => call::entry_variable(&self.generated.dimensions, k as usize - 1, self.control),
         }
     }
 
     fn register(&self, dimension: &Dimension) -> u32 {
-        self.control.base_of(dimension.column).unwrap_or_default() + dimension.offset
+        self.control.register_of(dimension).unwrap_or_default()
+    }
+
+    /// The T word that calls for a dimension. On a lathe its station is another than the offset's number, where two digits allow it: the
+    /// offset is what counts.
+    fn tool(&self, dimension: &Dimension) -> u32 {
+        match self.control.mill {
+            true => dimension.tool.0,
+            false => (dimension.tool.0 + 1) % 100 * 100 + dimension.offset,
+        }
+    }
+
+    /// Variables that a run may leave as it likes.
+    fn is_scratch(&self, number: u32) -> bool {
+        let (layout, count) = (&self.generated.layout, self.generated.dimensions.len() as u32);
+        let within = |field: u32| (field + 1..=field + count).contains(&number);
+        self.generated.method == Method::G65 && (within(layout.asked()) || within(layout.place()))
     }
 
     /// A part program that does nothing but call the tool of a dimension, with the macros behind it.
-    fn program(&self, k: u32, dimension: &Dimension, job: u32) -> String {
-        // Another station than the offset's number, where two digits allow it: the offset is what counts.
-        let tool = format!("T{:02}{:02}", (dimension.tool.0 + 1) % 100, dimension.offset);
+    fn program(&self, dimension: &Dimension, job: u32) -> String {
+        let tool = format!("T{:04}", self.tool(dimension));
         let mut text = String::from("O7999\n");
         match self.generated.method {
             Method::TWord => text.push_str(&t_word::job_line(self.control, job)),
-            Method::G65 => text.push_str(&call::call(k as usize, dimension, job, self.control)),
+            Method::G65 => {
+                let all = &self.generated.dimensions;
+                let called = |d: &Dimension| self.control.called_by(d) == self.control.called_by(dimension);
+                for (k, _) in (1..).zip(all).filter(|(_, d)| called(d)) {
+                    text.push_str(&call::call(k, all, job, self.control));
+                    text.push('\n');
+                }
+            }
         }
         text.push_str(&format!("\n{tool}\nM30\n"));
         self.generated.macros.iter().for_each(|m| text.push_str(&m.text));
         text
     }
 
-    fn run(&self, k: u32, dimension: &Dimension, job: u32, vars: Variables) -> Interpretation {
-        interpret(&self.program(k, dimension, job), &self.setup(vars))
+    fn run(&self, dimension: &Dimension, job: u32, vars: Variables) -> Interpretation {
+        interpret(&self.program(dimension, job), &self.setup(vars))
     }
 
     /// One entry, on the macros and by the law.
     fn one(&self, proof: &mut Proof, ready: &Variables, k: u32, dimension: &Dimension, typed: Option<&str>, before: f64) {
-        let (entry, register) = (self.entry_variable(k, dimension), self.register(dimension));
+        let (entry, register) = (self.entry_variable(k), self.register(dimension));
         let mut vars = ready.clone();
         vars.insert(register, Some(before));
         let value = typed.map(|t| t.parse::<f64>().expect("the grid holds numbers"));
         vars.insert(entry, value);
         let expected = by_law(dimension, typed, before);
-        let run = self.run(k, dimension, self.generated.job, vars.clone());
-
+        let run = self.run(dimension, self.generated.job, vars.clone());
         let what = |problem: String| {
             format!(
                 "{} entered as {} with {before} in the register: {problem}",
@@ -269,7 +308,7 @@ impl Bench<'_> {
                 Some(change)
             }
         };
-        let turret = (dimension.tool.0 + 1) % 100 * 100 + dimension.offset;
+        let turret = self.tool(dimension);
         if alarm.is_none() && run.tool != Some(turret) {
             proof.differs(what(format!("the turret was told {:?}, not {turret}", run.tool)));
         }
@@ -281,8 +320,20 @@ impl Bench<'_> {
             let count = after.entry(self.generated.layout.count + k).or_default();
             *count = Some(count.unwrap_or(0.0) + 1.0);
         }
+        self.compare(proof, dimension, &run, &after, &what);
+    }
+
+    /// Every variable of the set-up and every register, as they must stand.
+    fn compare(
+        &self,
+        proof: &mut Proof,
+        dimension: &Dimension,
+        run: &Interpretation,
+        after: &Variables,
+        what: &dyn Fn(String) -> String,
+    ) {
         let step = 1.0 / generate::steps_per_unit(dimension);
-        for (number, value) in &after {
+        for (number, value) in after.iter().filter(|(n, _)| !self.is_scratch(**n)) {
             let found = run.vars.get(number).copied().flatten();
             let same = match (value, found) {
                 (Some(a), Some(b)) => (a - b).abs() < step * 1e-3,
@@ -294,14 +345,102 @@ impl Bench<'_> {
         }
     }
 
+    /// Sizes that move one register by their mean: all their entries together, some missing, some refused. Told once, at the first.
+    fn mean(&self, proof: &mut Proof, ready: &Variables, first: usize) {
+        let all = &self.generated.dimensions;
+        let dimension = &all[first];
+        let mates: Vec<usize> = (0..all.len()).filter(|k| all[*k].register == dimension.register).collect();
+        if dimension.role != Role::Mean || mates[0] != first {
+            return;
+        }
+        let least = proof
+            .entries
+            .iter()
+            .filter(|(name, _)| mates.iter().any(|k| all[*k].name == *name));
+        let least: usize = least.map(|(_, n)| n).sum();
+        let method = self.generated.method;
+        let grids: Vec<_> = mates.iter().map(|k| grid(&all[*k], least, method)).collect();
+        let near: Vec<_> = mates.iter().map(|k| near_target(&all[*k], method)).collect();
+        for n in 0..least {
+            // One goes through everything, the others stay where they can be used; now and then all go through everything. Strides that
+            // share no factor bring each value together with each other.
+            let typed: Vec<Option<&str>> = (0..mates.len())
+                .map(|m| match n % 10 == 9 || n % mates.len() == m {
+                    true => grids[m][n * [1, 13, 29, 31][m % 4] % grids[m].len()].as_deref(),
+                    false => near[m][(n * 7 + m) % near[m].len()].as_deref(),
+                })
+                .collect();
+            self.one_mean(proof, ready, &mates, &typed, [0.0, -0.012, 0.007][n % 3]);
+        }
+        let names: Vec<&str> = mates.iter().map(|k| all[*k].name.as_str()).collect();
+        proof.situations.push(format!(
+            "{} move one register by their mean: it waits until all are entered, and moves once",
+            names.join(" and ")
+        ));
+    }
+
+    /// Entries of sizes that share a register, on the macros and by the law.
+    fn one_mean(&self, proof: &mut Proof, ready: &Variables, mates: &[usize], typed: &[Option<&str>], before: f64) {
+        let all = &self.generated.dimensions;
+        let dimension = &all[mates[0]];
+        let register = self.register(dimension);
+        let mut vars = ready.clone();
+        vars.insert(register, Some(before));
+        for (k, text) in mates.iter().zip(typed) {
+            let value = text.map(|t| t.parse::<f64>().expect("the grid holds numbers"));
+            vars.insert(self.entry_variable(*k as u32 + 1), value);
+        }
+        let run = self.run(dimension, self.generated.job, vars.clone());
+        let what = |problem: String| {
+            let entered: Vec<String> = mates
+                .iter()
+                .zip(typed)
+                .map(|(k, t)| format!("{} as {}", all[*k].name, t.unwrap_or("nothing")))
+                .collect();
+            format!("{} with {before} in the register: {problem}", entered.join(", "))
+        };
+        let expected = mean_by_law(&mates.iter().map(|k| &all[*k]).collect::<Vec<_>>(), typed, before);
+        let alarm = run.alarm.as_ref().map(|a| (a.kind, a.number));
+        let mut after = vars;
+        match expected {
+            Expected::Alarm(number) => {
+                proof.count(&format!("refused by alarm {number}"));
+                if alarm != Some((AlarmKind::Macro, number)) {
+                    proof.differs(what(format!("alarm {number} is due, {} came", told(&run))));
+                    return;
+                }
+            }
+            Expected::Nothing | Expected::Change(_) if alarm.is_some() => {
+                proof.differs(what(format!("no alarm is due, {} came", told(&run))));
+                return;
+            }
+            Expected::Nothing => proof.count("waiting for the other size of the register"),
+            Expected::Change(change) => {
+                proof.count(if change == 0.0 { "on target" } else { "applied" });
+                after.insert(register, Some(before + change));
+                for k in mates {
+                    let k = *k as u32 + 1;
+                    after.insert(self.entry_variable(k), (self.generated.method == Method::G65).then_some(0.0));
+                    let count = after.entry(self.generated.layout.count + k).or_default();
+                    *count = Some(count.unwrap_or(0.0) + 1.0);
+                }
+            }
+        }
+        let turret = self.tool(dimension);
+        if alarm.is_none() && run.tool != Some(turret) {
+            proof.differs(what(format!("the turret was told {:?}, not {turret}", run.tool)));
+        }
+        self.compare(proof, dimension, &run, &after, &what);
+    }
+
     /// A part program that is not of the job, or does not say of which, with an entry waiting.
     fn another_job(&self, proof: &mut Proof, ready: &Variables) {
         let other = if self.generated.job == 1 { 2 } else { 1 };
         for (k, dimension) in (1..).zip(&self.generated.dimensions) {
             let mut vars = ready.clone();
-            let (entry, register) = (self.entry_variable(k, dimension), self.register(dimension));
+            let (entry, register) = (self.entry_variable(k), self.register(dimension));
             vars.insert(entry, Some(generate::in_unit(dimension.unit, dimension.target)));
-            let run = self.run(k, dimension, other, vars);
+            let run = self.run(dimension, other, vars);
             let alarm = run.alarm.as_ref().map(|a| a.number);
             if alarm != Some(generate::ANOTHER_JOB) || run.vars.get(&register).copied().flatten() != Some(0.0) {
                 proof.differs(format!(
@@ -321,11 +460,15 @@ impl Bench<'_> {
     fn power_loss(&self, proof: &mut Proof, ready: &Variables) {
         let mut points = 0;
         for (k, dimension) in (1..).zip(&self.generated.dimensions) {
-            let (entry, register) = (self.entry_variable(k, dimension), self.register(dimension));
-            let size = dimension.target + dimension.increment * (3.0 * dimension.response.size_per_register());
+            let register = self.register(dimension);
             let mut vars = ready.clone();
-            vars.insert(entry, Some(generate::in_unit(dimension.unit, size)));
-            let whole = self.program(k, dimension, self.generated.job);
+            for (m, mate) in (1..).zip(&self.generated.dimensions) {
+                if m == k || dimension.role == Role::Mean && mate.register == dimension.register {
+                    let size = mate.target + mate.increment * (3.0 * mate.response.size_per_register());
+                    vars.insert(self.entry_variable(m), Some(generate::in_unit(mate.unit, size)));
+                }
+            }
+            let whole = self.program(dimension, self.generated.job);
             let lines: Vec<&str> = whole.lines().collect();
             for cut in 0..lines.len() {
                 if lines[cut].starts_with('O') {
@@ -385,91 +528,4 @@ fn told(run: &Interpretation) -> String {
 
 fn shown(value: Option<f64>) -> String {
     value.map_or("vacant".to_owned(), |v| v.to_string())
-}
-
-/// What the law says, in the control's unit. A vacant entry and 0 are the control's words for nothing entered.
-fn by_law(dimension: &Dimension, typed: Option<&str>, before: f64) -> Expected {
-    let Some(text) = typed.filter(|t| t.parse() != Ok(0.0)) else {
-        return Expected::Nothing;
-    };
-    let entry = Entry {
-        text: text.to_owned(),
-        unit: dimension.unit,
-        who: "the proof".to_owned(),
-        // A control knows no levels: nobody may make a large step there.
-        level: 10,
-        remark: String::new(),
-        when: Timestamp(0),
-    };
-    let present = Present {
-        register: Some(dimension.unit.length(before).0),
-        ..Present::default()
-    };
-    match sizing::enter(dimension, &entry, &present) {
-        Ok(correction) => Expected::Change(generate::in_unit(dimension.unit, units::Millimetres(correction.change))),
-        Err(EntryError::TooSmall { .. }) => Expected::Alarm(generate::TOO_SMALL),
-        Err(EntryError::TooBig { .. }) => Expected::Alarm(generate::TOO_BIG),
-        Err(EntryError::StepTooLarge { .. }) => Expected::Alarm(generate::STEP_TOO_LARGE),
-        // Any other refusal is none that a macro has: it would be a difference.
-        Err(_) => Expected::Alarm(0),
-    }
-}
-
-/// Entries to try, as decimal text in the dimension's unit; `None` is vacant. Not less than `least`: the edges first, then the window and
-/// its surroundings evenly.
-fn grid(dimension: &Dimension, least: usize, method: Method) -> Vec<Option<String>> {
-    let digits = match dimension.unit {
-        Unit::Mm => 5,
-        Unit::Inch => 6,
-    };
-    let unit = |length| generate::in_unit(dimension.unit, length);
-    let steps = generate::steps_per_unit(dimension);
-    let text = |number: f64| {
-        Some(match method {
-            Method::TWord => format!("{number:.digits$}"),
-            // An offset holds whole steps, and no more than three digits before the point in mm, two in inches.
-            Method::G65 => {
-                let most = if dimension.unit == Unit::Mm { 999.0 } else { 99.0 };
-                format!("{:.digits$}", libm::round(number.clamp(-most, most) * steps) / steps)
-            }
-        })
-    };
-    let (from, to) = (unit(dimension.window.0), unit(dimension.window.1));
-    let fine = unit(dimension.increment) / 10.0;
-    let mut all = vec![None, text(0.0)];
-    let reach = unit(dimension.largest_step) * dimension.response.size_per_register().abs();
-    let target = unit(dimension.target);
-    let edges = [
-        from,
-        to,
-        unit(dimension.low),
-        unit(dimension.high),
-        target,
-        target + reach,
-        target - reach,
-        unit(dimension.nominal),
-    ];
-    for edge in edges {
-        // A tenth of a step on either side, half a step and whole steps.
-        all.extend([-20.0, -10.0, -5.0, -4.0, -1.0, 0.0, 1.0, 4.0, 5.0, 10.0, 20.0].map(|k| text(edge + k * fine)));
-    }
-    let absurd = [
-        1e-4,
-        1.0,
-        999.999,
-        99_999.0,
-        -target,
-        -1.0,
-        target * 25.4,
-        target / 25.4,
-        target * 10.0,
-        target / 10.0,
-        target + 1.0,
-    ];
-    all.extend(absurd.map(text));
-    let margin = (to - from) * 0.1;
-    let rest = least.saturating_sub(all.len()).max(1);
-    let step = (to - from + 2.0 * margin) / rest as f64;
-    all.extend((0..rest).map(|k| text(from - margin + (k as f64 + 0.5) * step)));
-    all
 }

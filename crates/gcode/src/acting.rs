@@ -6,7 +6,8 @@ use crate::evaluate::{Stack, evaluate, no_such_name, variable_number};
 use crate::expression::{Expression, Target};
 use crate::fault::{Fault, Outcome, Site};
 use crate::interpreter::{Flow, Interpreter};
-use crate::line::{Kind, Line};
+use crate::line::{Kind, Line, Source};
+use crate::listing::{name_at, named_program};
 use crate::macro_b::plain;
 use crate::printing;
 use crate::statement::{Piece, Statement};
@@ -55,6 +56,14 @@ pub(crate) fn act(
 
 fn act_words(interpreter: &mut Interpreter, block: &mut Block, line: &Line, site: Site<'_>, stack: &mut Stack) -> Outcome<Act> {
     block.fill(line, &interpreter.macros, &*interpreter, stack)?;
+    if interpreter.macros.named_programs {
+        interpreter.learn_names(line, site);
+    }
+    if interpreter.settings.interruptions
+        && let Some(call) = interpreter.interrupted(site)?
+    {
+        return Ok(Act::Call(call));
+    }
     interpreter.show_message(block, site);
     interpreter.moved = false;
     let mut behind = None;
@@ -240,7 +249,15 @@ impl Interpreter {
                 Piece::Number { value, whole, decimals } => {
                     let value = plain(self.evaluated(line, *value, stack)?);
                     text.push_str(&match binary {
-                        true => printing::binary(value, *decimals),
+                        true => printing::binary(value, *decimals).ok_or_else(|| {
+                            Fault::new(
+                                at,
+                                110,
+                                "print-overflow",
+                                format!("{value} with {decimals} decimals is more than 32 bits hold"),
+                                "print fewer decimals, or check the value first",
+                            )
+                        })?,
                         false => printing::printed(
                             value,
                             *whole,
@@ -271,6 +288,19 @@ impl Interpreter {
             properties: BTreeMap::new(),
         }));
         Ok(())
+    }
+
+    /// Keeps the names of programs that a line calls: a program of that name may be a file of its own.
+    fn learn_names(&mut self, line: &Line, site: Site<'_>) {
+        for word in &line.words {
+            if let Source::Number(value) = word.source
+                && let Some(number) = named_program(value)
+                && let Some((name, _)) = name_at(site.text, word.at as usize)
+            {
+                let name = || String::from_utf8_lossy(name).into_owned();
+                self.program_names.entry(number).or_insert_with(name);
+            }
+        }
     }
 
     /// True when a block's words may be a call.

@@ -29,6 +29,8 @@ pub(crate) struct Code {
 }
 
 const MOST_CODES: usize = 16;
+/// A value beyond nine digits cannot become a fixed-point word: alarm 110.
+const LARGEST_WORD: f64 = 999_999_999.0;
 
 /// The parts of a line.
 #[derive(Clone, Debug)]
@@ -44,8 +46,10 @@ pub(crate) struct Block {
     pub comment: Option<(usize, usize)>,
     /// Text behind `;` was left out, from this byte on.
     pub semicolon: Option<usize>,
-    /// `,C`, `,R` or `,A`: a corner's word, by its letter.
+    /// `,C` or `,R`: a corner's word, by its letter.
     pub corner: Option<(u8, Word)>,
+    /// `,A`: the angle of a straight move.
+    pub angle: Option<Word>,
     /// A letter that stands twice, and the byte of its second word.
     twice: Option<(u8, usize)>,
 }
@@ -72,6 +76,7 @@ impl Block {
             comment: None,
             semicolon: None,
             corner: None,
+            angle: None,
             twice: None,
         }
     }
@@ -150,6 +155,7 @@ impl Block {
     ) -> Outcome<()> {
         (self.present, self.used, self.g_count, self.m_count) = (0, 0, 0, 0);
         (self.comment, self.semicolon, self.twice, self.corner) = (line.comment, line.semicolon, None, None);
+        self.angle = None;
         for said in &line.words {
             let mut word = Word {
                 at: said.at as usize,
@@ -163,6 +169,15 @@ impl Block {
                     let value = evaluate(&line.code, expression, rules, variables, stack)?;
                     if value.is_nan() {
                         continue; // vacant: the word is not there
+                    }
+                    if rules.fanuc_ranges && value.abs() > LARGEST_WORD {
+                        return Err(Fault::new(
+                            word.at,
+                            110,
+                            "word-overflow",
+                            format!("{value:e} has more digits than a word takes"),
+                            "check the value before it is used",
+                        ));
                     }
                     word.computed = true;
                     word.value = if matches!(said.letter, b'G' | b'M' | b'S' | b'T') {
@@ -225,7 +240,11 @@ impl Block {
                 let code = if fits { word.value as u16 } else { u16::MAX };
                 push(&mut self.m, &mut self.m_count, Code { code, at })
             }
-            b'a'..=b'z' => {
+            b'a' => {
+                self.angle = Some(word);
+                Ok(())
+            }
+            b'b'..=b'z' => {
                 self.corner = Some((letter.to_ascii_uppercase(), word));
                 Ok(())
             }

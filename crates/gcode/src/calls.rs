@@ -22,6 +22,23 @@ pub(crate) struct ProgramCall {
     pub by_code: bool,
     /// Called by the n-th modal call, counted from 0: its locals stay from call to call.
     pub modal: Option<usize>,
+    /// The caller goes on with the block that calls: an interruption comes before it.
+    pub interrupts: bool,
+}
+
+impl ProgramCall {
+    /// A plain call of a subprogram, once.
+    pub(crate) fn subprogram(program: u32, at: usize) -> Self {
+        ProgramCall {
+            program,
+            times: 1,
+            at,
+            locals: None,
+            by_code: false,
+            modal: None,
+            interrupts: false,
+        }
+    }
 }
 
 /// A modal call in force.
@@ -50,7 +67,7 @@ pub(crate) enum Calling {
 }
 
 /// A word with its value, in the order of the block.
-struct Argument {
+pub(crate) struct Argument {
     letter: u8,
     word: Word,
 }
@@ -86,12 +103,10 @@ impl Interpreter {
                             return self.begin_modal(call.program, times, locals, false, true, code.at);
                         }
                         return Ok(Calling::Call(Some(Box::new(ProgramCall {
-                            program: call.program,
                             times,
-                            at: code.at,
                             locals: Some(locals),
                             by_code: true,
-                            modal: None,
+                            ..ProgramCall::subprogram(call.program, code.at)
                         }))));
                     }
                 }
@@ -106,13 +121,14 @@ impl Interpreter {
             let given = self.given_words(line, stack)?;
             let locals = self.every_word(&given)?;
             return Ok(Calling::Call(Some(Box::new(ProgramCall {
-                program,
                 times,
-                at: 0,
                 locals: Some(locals),
-                by_code: false,
                 modal: Some(self.modal.len() - 1),
+                ..ProgramCall::subprogram(program, 0)
             }))));
+        }
+        if self.settings.interruptions && self.arms(block, line, stack)? {
+            return Ok(Calling::Call(None));
         }
         if self.in_code_call {
             return Ok(Calling::Plain);
@@ -123,12 +139,8 @@ impl Interpreter {
     /// M, T, S and B codes.
     fn other_codes(&mut self, block: &mut Block, line: &Line, stack: &mut Stack) -> Outcome<Calling> {
         let subprogram = |program, at| ProgramCall {
-            program,
-            times: 1,
-            at,
-            locals: None,
             by_code: true,
-            modal: None,
+            ..ProgramCall::subprogram(program, at)
         };
         if !self.settings.m_calls.is_empty() || !self.settings.m_subprograms.is_empty() {
             let (codes, count) = block.m_codes();
@@ -190,12 +202,9 @@ impl Interpreter {
         };
         match code {
             650 => Ok(Calling::Call(Some(Box::new(ProgramCall {
-                program,
                 times,
-                at,
                 locals: Some(locals),
-                by_code: false,
-                modal: None,
+                ..ProgramCall::subprogram(program, at)
             })))),
             _ => self.begin_modal(program, times, locals, code == 661, false, at),
         }
@@ -235,18 +244,17 @@ impl Interpreter {
         let call = &self.modal[index];
         (!call.every_block).then(|| {
             Box::new(ProgramCall {
-                program: call.program,
                 times: call.times,
-                at: 0,
                 locals: Some(call.locals.clone()),
                 by_code: call.by_code,
                 modal: Some(index),
+                ..ProgramCall::subprogram(call.program, 0)
             })
         })
     }
 
     /// The words of a line that are not vacant, in their order.
-    fn given_words(&self, line: &Line, stack: &mut Stack) -> Outcome<Vec<Argument>> {
+    pub(crate) fn given_words(&self, line: &Line, stack: &mut Stack) -> Outcome<Vec<Argument>> {
         let mut given = Vec::with_capacity(line.words.len());
         for said in &line.words {
             let (value, computed) = match said.source {
@@ -269,7 +277,7 @@ impl Interpreter {
     }
 
     /// Locals from the words of a call, with the program and the repetitions. `calling` is the calling word, which is no argument.
-    fn arguments(
+    pub(crate) fn arguments(
         &self,
         given: &[Argument],
         calling: Option<(u8, usize)>,
@@ -287,7 +295,7 @@ impl Interpreter {
             match letter {
                 b'N' if word.at < at => continue, // the sequence number of the block
                 b'P' if takes_program => {
-                    program = Some(Self::whole(word, 'P', 99_999_999)?);
+                    program = Some(Self::program_of(word)?);
                     continue;
                 }
                 b'L' => {

@@ -62,10 +62,10 @@ impl Interpreter {
         let Some((letter, word)) = said else { return Ok(()) };
         let kind = match letter {
             b'C' => Kind::Chamfer,
-            b'R' => Kind::Rounding,
-            _ => return Err(Fault::not_there_yet(word.at, "an angle of a contour (,A)")),
+            _ => Kind::Rounding,
         };
-        let length = self.length(letter, word, site).abs();
+        let grown = self.shaping.radius_factor(self.plane).unwrap_or(1.0);
+        let length = self.length(letter, word, site).abs() * grown;
         if length > 0.0 {
             self.corner.asked = Some(CornerWord { kind, length });
         }

@@ -48,7 +48,9 @@ pub(crate) fn evaluate<V: Variables>(
                 top += 1;
                 last = memory[usize::from(n)];
             }
-            Op::Negate => last = -last,
+            // Of vacant it is 0, as all arithmetic is; never -0.
+            Op::Negate => last = 0.0 - counted(last),
+            Op::NegateWord => last = 0.0 - last,
             Op::WithNumber(binary, n) => last = binary_result(rules, binary, last, n, at)?,
             Op::WithMemory(binary, n) => last = binary_result(rules, binary, last, memory[usize::from(n)], at)?,
             Op::Two(binary) => {
@@ -116,7 +118,7 @@ fn rarer<V: Variables>(
             let (bit, axis) = (whole(stack[top + 1]) as u8, whole(last) as u8);
             last = variables.parameter(whole(stack[top]), Some(bit), Some(axis));
         }
-        Op::Number(_) | Op::Memory(_) | Op::Negate | Op::WithNumber(..) | Op::WithMemory(..) | Op::Two(_) => {
+        Op::Number(_) | Op::Memory(_) | Op::Negate | Op::NegateWord | Op::WithNumber(..) | Op::WithMemory(..) | Op::Two(_) => {
             unreachable!("carried out by evaluate")
         }
     }
@@ -292,7 +294,7 @@ fn apply(rules: &MacroRules, function: Function, a: f64, b: Option<f64>, at: usi
 }
 
 /// Sine of an angle in degrees, exact at multiples of 90: a program that moves by `COS[90]` must not move by 6e-17.
-fn sin_degrees(angle: f64) -> f64 {
+pub(crate) fn sin_degrees(angle: f64) -> f64 {
     let turn = if angle.abs() < 360.0 {
         angle
     } else {
@@ -428,7 +430,7 @@ mod tests {
             Value::Vacant,
             &[
                 ("#1", "vacant"),
-                ("-#1", "vacant"),
+                ("-#1", "0"),
                 ("#1*5", "0"),
                 ("#1+#1", "0"),
                 ("#1-2.5", "-2.5"),

@@ -27,6 +27,10 @@ pub struct Setup {
     pub control: Option<String>,
     /// Block-skip switches that are on: 1 to 9.
     pub block_skip: Vec<u8>,
+    /// The program comes from a line (DNC): its branches and loops are alarm 123.
+    pub by_line: bool,
+    /// With M96 in force the interruption signal is asked for before each block: at which of these askings, from 1, it is on.
+    pub interrupts: Vec<u32>,
     /// Blocks in a row without a move after which it counts as endless.
     pub most_blocks_at_rest: Option<u64>,
 }
@@ -144,7 +148,7 @@ pub fn interpret(text: &str, setup: &Setup) -> Interpretation {
             };
             let opened = GcodeProgram::open(source, "program", profile, Box::new(NoOtherFiles), Tables::empty(), options);
             match opened {
-                Ok(program) => finish(program),
+                Ok(program) => finish(program, &setup.interrupts),
                 Err(found) => Interpretation::stopped(&Alarm::from(*found), (0, 0)),
             }
         }
@@ -168,7 +172,8 @@ pub fn interpret_file(
         trace: true,
         ..setup.options()
     };
-    GcodeProgram::open(source, name, profile, resolver, Tables::empty(), options).map(finish)
+    GcodeProgram::open(source, name, profile, resolver, Tables::empty(), options)
+        .map(|program| finish(program, &setup.interrupts))
 }
 
 impl Setup {
@@ -208,6 +213,7 @@ impl Setup {
             parameters: self.parameters().unwrap_or_default(),
             variables: self.vars.iter().filter_map(|(n, v)| v.map(|v| (*n, v))).collect(),
             inches: self.units == Unit::Inch,
+            by_line: self.by_line,
             block_skip: self.block_skip.iter().fold(0, |bits, n| bits | 1 << (n.clamp(&1, &9) - 1)),
             most_blocks_at_rest: self.most_blocks_at_rest.unwrap_or(Options::default().most_blocks_at_rest),
             ..Options::default()
@@ -233,11 +239,16 @@ impl Interpretation {
 }
 
 /// Runs a program to its end and takes down what it did.
-fn finish(mut program: GcodeProgram) -> Interpretation {
+fn finish(mut program: GcodeProgram, interrupts: &[u32]) -> Interpretation {
     let mut answer = None;
+    let mut asked = 0;
     let alarm = loop {
         match program.next(answer.take()) {
             Next::Step(_) => {}
+            Next::Ask(Question::Number(name)) if name == crate::interruption::SIGNAL => {
+                asked += 1;
+                answer = Some(Answer::Number(Some(f64::from(u8::from(interrupts.contains(&asked))))));
+            }
             Next::Ask(question) => answer = Some(of_its_own(&question)),
             Next::End => break None,
             Next::Alarm(alarm) => break Some(alarm),

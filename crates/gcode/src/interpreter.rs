@@ -4,6 +4,10 @@
 //! Lengths in here are millimetres, X of a lathe is a radius: words are converted by [`Interpreter::length`] and the factors of the
 //! profile's axis words, and nowhere else.
 
+mod codes;
+mod feed;
+mod tools;
+
 use crate::block::{Block, Code, Word, set_of};
 use crate::calls::ModalCall;
 use crate::compensation::Compensation;
@@ -13,11 +17,14 @@ use crate::cycles::roughing::ContourRequest;
 use crate::cycles::turning::Single;
 use crate::cycles::{Expansion, TurningCycles};
 use crate::fault::{Fault, Outcome, Site};
+use crate::interruption::Interruption;
+use crate::listing::{is_named, named_program};
 use crate::macro_b::{MacroRules, Memory};
 use crate::offsets::{WorkFrame, WorkKey};
 use crate::parameters::Settings;
 use crate::profile::{FeedMode, G, M, Motion, Once, Plane, Profile, Side};
 use crate::program::{Options, Trace, WholeNumbers};
+use crate::shaping::Shaping;
 use crate::text::characters;
 use plan::{
     CoolantState, Diagnostic, Diagnostics, Feed, FileId, Level, Marker, Missing, Origin, PathMode, Place, Question, Severity,
@@ -49,6 +56,12 @@ pub(crate) enum Flow {
     /// M99, M99 P.
     Return {
         to: Option<u32>,
+        at: usize,
+    },
+    /// M97 of Haas: the blocks from this sequence number on, as a subprogram.
+    LocalCall {
+        block: u32,
+        times: u32,
         at: usize,
     },
 }
@@ -97,6 +110,7 @@ pub(crate) struct Interpreter {
     pub cycle: Option<Cycle>,
     pub compensation: Compensation,
     pub corner: Corner,
+    pub shaping: Shaping,
     /// A cycle that is being told, pass by pass; no line is read before it is over.
     pub expansion: Option<Box<dyn Expansion>>,
     pub turning_cycles: TurningCycles,
@@ -124,6 +138,8 @@ pub(crate) struct Interpreter {
     workingstep_open: bool,
     pub program_name: String,
     pub program_number: u32,
+    /// Names of called programs that have one, by the number that stands for it.
+    pub program_names: BTreeMap<u32, String>,
     pub last_m: u16,
     pub last_n: u32,
     /// S as programmed last.
@@ -147,6 +163,7 @@ pub(crate) struct Interpreter {
     /// Modal calls in force, outer first, and how many of them are running.
     pub modal: Vec<ModalCall>,
     pub modal_running: usize,
+    pub interruption: Interruption,
     /// In a program that a code called: such codes are plain there.
     pub in_code_call: bool,
     /// The block has moved an axis.
@@ -227,6 +244,7 @@ impl Interpreter {
             cycle: None,
             compensation: Compensation::default(),
             corner: Corner::default(),
+            shaping: Shaping::default(),
             expansion: None,
             turning_cycles: TurningCycles::default(),
             skip_position: [0.0; 3],
@@ -247,6 +265,7 @@ impl Interpreter {
             workingstep_open: false,
             program_name: file.to_owned(),
             program_number: 0,
+            program_names: BTreeMap::new(),
             last_m: 0,
             last_n: 0,
             last_s: None,
@@ -261,6 +280,7 @@ impl Interpreter {
             printer_open: false,
             modal: Vec::new(),
             modal_running: 0,
+            interruption: Interruption::default(),
             in_code_call: false,
             moved: false,
             moved_since_stop: false,
@@ -323,6 +343,7 @@ impl Interpreter {
             self.cycle.is_some(),
             self.surface.is_some(),
             self.printer_open,
+            self.shaping.is_plain(),
         ];
         let switches = switches.iter().fold(0, |bits, on| bits * 2 + u32::from(*on));
         [
@@ -464,6 +485,14 @@ impl Interpreter {
         Ok(value as u32)
     }
 
+    /// The program that a P word names.
+    pub(crate) fn program_of(word: Word) -> Outcome<u32> {
+        match named_program(word.value) {
+            Some(number) => Ok(number),
+            None => Self::whole(word, 'P', 99_999_999),
+        }
+    }
+
     // ---- the block
 
     /// Executes a block of words.
@@ -516,607 +545,7 @@ impl Interpreter {
         self.after_motion(m_codes, block, site)
     }
 
-    /// Takes the block's G codes: modal ones are in force at once, others are handed on.
-    fn read_codes(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<Said> {
-        let mut said = Said::default();
-        let mut groups = 0_u32;
-        let mut index = 0;
-        while let Some(code) = block.g(index) {
-            index += 1;
-            let at = code.at;
-            let Some(meaning) = self.meaning(code.code) else {
-                return Err(Fault::new(
-                    at,
-                    10,
-                    "unknown-g",
-                    format!("the {} control knows no {}", self.profile.name, g_name(code.code)),
-                    "take it out, or choose another dialect",
-                ));
-            };
-            if let Some(group) = meaning.group() {
-                if groups >> group & 1 == 1 {
-                    return Err(Fault::new(
-                        at,
-                        0,
-                        "g-group",
-                        format!("{} contradicts another code of its group in this block", g_name(code.code)),
-                        "keep one of them, or make two blocks",
-                    ));
-                }
-                groups |= 1 << group;
-            }
-            match meaning {
-                G::Motion(motion) => {
-                    self.motion = motion;
-                    self.motion_said = true;
-                    self.cycle = None;
-                    self.turning_cycles.single = None;
-                    said.motion = true;
-                }
-                G::Plane(plane) => self.plane = plane,
-                G::Incremental(on) => self.incremental = on,
-                G::AbsoluteCentres(on) => self.absolute_centres = on,
-                G::Feed(mode) => {
-                    if self.feed_mode != mode {
-                        self.feed = None; // an F of another kind means another thing
-                    }
-                    self.feed_mode = mode;
-                }
-                G::Inches(on) => {
-                    self.inches = on;
-                    self.units_said = true;
-                }
-                G::Side(side) => said.side = Some((side, at)),
-                G::Length(sign) => said.length = Some((sign, at)),
-                G::Drill(kind) => {
-                    said.drill = true;
-                    self.begin_cycle(kind, code.code / 10, false);
-                }
-                G::SideDrill(kind) => {
-                    said.drill = true;
-                    self.begin_cycle(kind, code.code / 10, true);
-                }
-                G::Single(kind) => {
-                    self.cycle = None;
-                    self.motion_said = true;
-                    if self.turning_cycles.single.is_none_or(|s| s.kind != kind) {
-                        self.turning_cycles.single = Some(Single::new(kind));
-                    }
-                }
-                G::DrillEnd => self.cycle = None,
-                G::ReturnToR(on) => self.return_to_r = on,
-                G::Work(number) => said.work = Some((WorkKey::Standard(number), at)),
-                G::MoreWork => {
-                    let Some(p) = block.take(b'P') else {
-                        return Err(missing_word(at, "G54.1", "P"));
-                    };
-                    said.work = Some((WorkKey::More(Self::whole(p, 'P', 300)?.max(1) as u16), at));
-                }
-                G::Path(mode) => said.path = Some((mode, at)),
-                G::SurfaceSpeed(on) => said.surface = Some(on),
-                G::Once(Once::ExactStop) => said.exact_stop = true,
-                G::Once(once) => said.once = Some((once, at)),
-                G::Harmless(why) => {
-                    block.use_all_but(b"XYZUWIJKFSTHD");
-                    self.note(Severity::Remark, "accepted", site, at, || {
-                        (
-                            format!("{} ({why}) is accepted and changes nothing here", g_name(code.code)),
-                            String::new(),
-                        )
-                    });
-                }
-                G::NotYet(what) => return Err(Fault::not_there_yet(at, what)),
-            }
-        }
-        // A motion code and a cycle in one block: the cycle is what the axis words are for, the code stays for afterwards.
-        if said.motion && said.drill {
-            said.motion = false;
-        }
-        Ok(said)
-    }
-
-    fn meaning(&self, code: u16) -> Option<G> {
-        let codes = self.profile.g;
-        codes.binary_search_by_key(&code, |(c, _)| *c).ok().map(|i| codes[i].1)
-    }
-
-    fn check_letters(&self, block: &Block) -> Outcome<()> {
-        match block.outside(self.known_letters) {
-            None => Ok(()),
-            Some((letter, word)) => Err(Fault::new(
-                word.at,
-                9,
-                "unknown-letter",
-                format!("the {} control knows no word {letter}", self.profile.name),
-                "take it out, or choose another dialect",
-            )),
-        }
-    }
-
-    fn set_feed(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        if self.feed_mode == FeedMode::InverseTime {
-            self.feed = None; // must stand in every block
-        }
-        let Some(f) = block.take(b'F') else { return Ok(()) };
-        if f.value < 0.0 {
-            return Err(Fault::new(f.at, 0, "feed-negative", "a feed cannot be negative", "correct F"));
-        }
-        if f.value == 0.0 {
-            self.feed = None;
-            self.note(Severity::Warning, "feed-zero", site, f.at, || {
-                (
-                    "F0 takes the feed away".to_owned(),
-                    "write a feed before the next cutting move".to_owned(),
-                )
-            });
-            return Ok(());
-        }
-        self.last_f = Some(f.value * self.unit());
-        self.feed = Some(match self.feed_mode {
-            FeedMode::PerMinute => f.value * self.unit() / 60.0,
-            FeedMode::PerRevolution => f.value * self.unit(),
-            FeedMode::InverseTime => 60.0 / f.value,
-        });
-        Ok(())
-    }
-
-    /// The feed in force.
-    pub(crate) fn feed(&self, at: usize) -> Outcome<Feed> {
-        let Some(feed) = self.feed else {
-            let remedy = match self.feed_mode {
-                FeedMode::PerMinute => "write F, the feed a minute",
-                FeedMode::PerRevolution => "write F, the feed a revolution",
-                FeedMode::InverseTime => "with G93 every cutting block has its own F",
-            };
-            return Err(Fault::new(at, 11, "no-feed", "a cutting move without a feed", remedy));
-        };
-        Ok(match self.feed_mode {
-            FeedMode::PerMinute => Feed::PerTime(MmPerSec(feed)),
-            FeedMode::PerRevolution => {
-                if self.turning == Turning::Stopped && !self.rigid_tapping {
-                    return Err(Fault::new(
-                        at,
-                        0,
-                        "spindle-stopped",
-                        "a feed per revolution while the spindle stands: the axes would never move",
-                        "start the spindle with M3 or M4 first",
-                    ));
-                }
-                Feed::PerRevolution(Millimetres(feed))
-            }
-            FeedMode::InverseTime => Feed::WholeMove(units::Seconds(feed)),
-        })
-    }
-
-    // ---- spindle and coolant
-
-    fn set_spindle(&mut self, block: &mut Block, said: &Said, m_codes: &[Code], site: Site<'_>) -> Outcome<()> {
-        if let Some(on) = said.surface {
-            match (on, self.surface) {
-                (true, None) => self.surface = Some(self.surface_speed),
-                (false, Some(_)) => {
-                    // G97 without S goes on at the speed that turns now.
-                    self.revolutions = self.spindle.revolutions(Millimetres(self.tip[0])).0;
-                    self.surface = None;
-                }
-                _ => {}
-            }
-            if on
-                && !self.profile.turning
-                && let Some(d) = block.take(b'D')
-            {
-                self.spindle_limit = Some(Rpm(d.value.max(0.0)));
-            }
-        }
-        let limits = matches!(said.once, Some((Once::SetPosition, _)));
-        if let Some(s) = block.take(b'S') {
-            if s.value < 0.0 {
-                return Err(Fault::new(
-                    s.at,
-                    0,
-                    "speed-negative",
-                    "a spindle speed cannot be negative",
-                    "use M4 to turn the other way",
-                ));
-            }
-            self.last_s = Some(s.value);
-            if limits {
-                self.spindle_limit = Some(Rpm(s.value));
-            } else if self.surface.is_some() {
-                // m/min, or ft/min with G20
-                self.surface_speed = s.value * if self.inches { 304.8 } else { 1000.0 } / 60.0;
-                self.surface = Some(self.surface_speed);
-            } else {
-                self.revolutions = s.value;
-            }
-        }
-        let mut oriented = self.spindle == SpindleState::Oriented;
-        for m in m_codes {
-            match self.m_meaning(*m)? {
-                M::Clockwise => self.start_spindle(Turning::Clockwise, m.at, site),
-                M::Counterclockwise => self.start_spindle(Turning::Counterclockwise, m.at, site),
-                M::SpindleStop => self.turning = Turning::Stopped,
-                M::RigidTapping => self.rigid_tapping = true,
-                M::Orient => {
-                    self.orient();
-                    oriented = true;
-                }
-                _ => {}
-            }
-        }
-        if self.turning != Turning::Stopped && self.surface.is_some() && self.spindle_limit.is_none() {
-            let limit = self.options.spindle_limit;
-            self.spindle_limit = Some(limit);
-            self.note(Severity::Warning, "no-spindle-limit", site, 0, || {
-                (
-                    format!("surface speed without a highest spindle speed: {:.0} is assumed", limit),
-                    "write G50 S before G96".to_owned(),
-                )
-            });
-        }
-        // An oriented spindle stays so until something turns it.
-        if !(oriented && self.turning == Turning::Stopped) {
-            self.say_spindle();
-        }
-        Ok(())
-    }
-
-    fn start_spindle(&mut self, way: Turning, at: usize, site: Site<'_>) {
-        self.turning = way;
-        self.rigid_tapping = false;
-        if self.surface.unwrap_or(self.revolutions) == 0.0 {
-            self.note(Severity::Warning, "no-spindle-speed", site, at, || {
-                (
-                    "the spindle is started without a speed".to_owned(),
-                    "write S before M3 or M4".to_owned(),
-                )
-            });
-        }
-    }
-
-    /// Tells the spindle's state when it differs from what was told last.
-    pub(crate) fn say_spindle(&mut self) {
-        let mode = match self.surface {
-            Some(speed) => SpindleMode::Surface {
-                speed: MmPerSec(speed),
-                limit: self.spindle_limit.unwrap_or(self.options.spindle_limit),
-            },
-            None => SpindleMode::Revolutions(match self.spindle_limit {
-                Some(limit) => Rpm(self.revolutions).min(limit),
-                None => Rpm(self.revolutions),
-            }),
-        };
-        let state = match self.turning {
-            Turning::Stopped => SpindleState::Stopped,
-            Turning::Clockwise => SpindleState::Clockwise(mode),
-            Turning::Counterclockwise => SpindleState::Counterclockwise(mode),
-        };
-        if state != self.spindle {
-            self.spindle = state;
-            self.emit(StepKind::Spindle(state));
-        }
-    }
-
-    fn set_coolant(&mut self, state: CoolantState) {
-        if state != self.coolant {
-            self.coolant = state;
-            self.emit(StepKind::Coolant(state));
-        }
-    }
-
-    // ---- M codes
-
-    fn m_meaning(&self, m: Code) -> Outcome<M> {
-        let codes = self.profile.m;
-        match codes.binary_search_by_key(&m.code, |(c, _)| *c) {
-            Ok(i) => Ok(codes[i].1),
-            Err(_) if matches!(m.code, 96 | 97) && self.macros.fanuc_ranges => Err(Fault::new(
-                m.at,
-                113,
-                "not-available",
-                format!("M{}: interruption macros are not available", m.code),
-                "call the macro where it is needed, by G65",
-            )),
-            Err(_) => Err(Fault::new(
-                m.at,
-                0,
-                "unknown-m",
-                format!("the {} control knows no M{}", self.profile.name, m.code),
-                "take it out, or choose another dialect",
-            )),
-        }
-    }
-
-    fn before_motion(&mut self, m: Code, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        self.last_m = m.code;
-        let was = self.coolant;
-        match self.m_meaning(m)? {
-            M::Mist => self.set_coolant(CoolantState { mist: true, ..was }),
-            M::Flood => self.set_coolant(CoolantState { flood: true, ..was }),
-            M::ThroughCoolant => self.set_coolant(CoolantState { through: true, ..was }),
-            M::CoolantOff => self.set_coolant(CoolantState::default()),
-            M::ToolChange if !self.profile.tool_change_after_motion => self.change_tool(m.at, block, site)?,
-            M::Harmless(why) => {
-                block.use_all_but(b"XYZUWIJKFSTHD");
-                self.note(Severity::Remark, "accepted", site, m.at, || {
-                    (
-                        format!("M{} ({why}) is accepted and changes nothing here", m.code),
-                        String::new(),
-                    )
-                });
-            }
-            M::Call | M::Return => block.use_all_but(b"XYZUWIJKFSTHD"),
-            _ => {}
-        }
-        Ok(())
-    }
-
-    fn after_motion(&mut self, m_codes: &[Code], block: &mut Block, site: Site<'_>) -> Outcome<Flow> {
-        let mut flow = Flow::NextBlock;
-        for m in m_codes {
-            match self.m_meaning(*m)? {
-                M::ToolChange if self.profile.tool_change_after_motion => self.change_tool(m.at, block, site)?,
-                M::Stop => {
-                    self.moved_since_stop = false;
-                    self.emit(StepKind::Stop(StopKind::Program));
-                }
-                M::OptionalStop => self.push(Item::Ask(self.origin, Question::OptionalStop)),
-                M::End => {
-                    self.finish();
-                    flow = Flow::End;
-                }
-                M::Call => flow = self.call(m.at, block)?,
-                M::Return => {
-                    let to = block.take(b'P').map(|p| Self::whole(p, 'P', 99_999)).transpose()?;
-                    flow = Flow::Return { to, at: m.at };
-                }
-                _ => {}
-            }
-        }
-        Ok(flow)
-    }
-
-    /// M98: `P1234`, `P1234 L3`, or count and number in one word, `P31234`.
-    fn call(&self, at: usize, block: &mut Block) -> Outcome<Flow> {
-        let Some(p) = block.take(b'P') else {
-            return Err(Fault::new(
-                at,
-                76,
-                "word-missing",
-                "M98 without P",
-                "write the number of the subprogram: M98 P1234",
-            ));
-        };
-        let number = Self::whole(p, 'P', 99_999_999)?;
-        let repeats = block.take(b'L').map(|l| Self::whole(l, 'L', 9999)).transpose()?;
-        let (program, times) = match repeats {
-            Some(times) => (number, times),
-            None if number > 9999 => (number % 10_000, number / 10_000),
-            None => (number, 1),
-        };
-        Ok(Flow::Call { program, times, at })
-    }
-
-    // ---- tools
-
-    fn set_tool(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        let Some(t) = block.take(b'T') else { return Ok(()) };
-        if self.profile.turning {
-            let value = Self::whole(t, 'T', 9999)?;
-            self.trace.tool = Some(value);
-            let (station, offset) = (value / 100, value % 100);
-            if station != 0 && self.tool != Some(station) {
-                let words = self.tool_words(block, site);
-                self.put_tool(station, words, t.at, site)?;
-            }
-            return self.select_turning_offset(offset, t.at, site);
-        }
-        let number = Self::whole(t, 'T', 99_999_999)?;
-        self.trace.tool = Some(number);
-        let words = self.tool_words(block, site);
-        self.preselected = Some((number, words));
-        Ok(())
-    }
-
-    fn change_tool(&mut self, at: usize, block: &Block, site: Site<'_>) -> Outcome<()> {
-        let Some((number, mut words)) = self.preselected.clone() else {
-            return Err(Fault::new(
-                at,
-                0,
-                "no-tool",
-                "M6 without a tool: no T word came before",
-                "write T and the tool's number before M6",
-            ));
-        };
-        if words.is_empty() {
-            words = self.tool_words(block, site);
-        }
-        self.put_tool(number, words, at, site)
-    }
-
-    fn put_tool(&mut self, number: u32, words: String, at: usize, site: Site<'_>) -> Outcome<()> {
-        let entry = self.tables.tools.get(&ToolNumber(number)).cloned();
-        if entry.is_none() && number != 0 {
-            self.missing("missing-tool", site, at, &format!("tool {number}"), "a tool of that number")?;
-        }
-        let entry = entry.unwrap_or_default();
-        // A tool is never changed with the spindle turning, whatever the program says.
-        if !self.profile.turning {
-            self.turning = Turning::Stopped;
-            self.say_spindle();
-        }
-        let name = if words.is_empty() { entry.name } else { words };
-        self.begin_workingstep(step_name(number, &name));
-        self.comments.clear();
-        self.tool = Some(number);
-        self.emit(StepKind::Tool(ToolCall {
-            number: ToolNumber(number),
-            name,
-            diameter: entry.diameter,
-        }));
-        Ok(())
-    }
-
-    /// The program's words for a tool: the comment of this block, or the first of the comment lines right before.
-    fn tool_words(&self, block: &Block, site: Site<'_>) -> String {
-        match block.comment {
-            Some((start, end)) => characters(&site.text[start..end]).trim().to_owned(),
-            None => self.comments.first().cloned().unwrap_or_default(),
-        }
-    }
-
-    /// Takes note of a line that holds only a comment, or nothing.
-    pub(crate) fn comment_line(&mut self, block: &Block, site: Site<'_>) {
-        const MOST: usize = 8;
-        let Some((start, end)) = block.comment else { return };
-        if self.show_message(block, site) {
-            return;
-        }
-        let bytes = &site.text[start..end];
-        if self.comments_closed {
-            self.comments.clear();
-            self.comments_closed = false;
-        }
-        if self.comments.len() < MOST {
-            let text = characters(&bytes[..bytes.len().min(200)]);
-            let text = text.trim();
-            if !text.is_empty() {
-                self.comments.push(text.to_owned());
-            }
-        }
-    }
-
-    /// Tells the operator what a `(MSG,...)` comment says; false when the block has none.
-    pub(crate) fn show_message(&mut self, block: &Block, site: Site<'_>) -> bool {
-        let Some((start, end)) = block.comment.filter(|_| self.profile.message_comments) else {
-            return false;
-        };
-        let bytes = &site.text[start..end];
-        let is_message = bytes.get(..4).is_some_and(|b| b.eq_ignore_ascii_case(b"MSG,"));
-        if is_message {
-            self.emit(StepKind::Message(characters(&bytes[4..]).trim().to_owned()));
-        }
-        is_message
-    }
-
-    /// A line that is no comment was met: the next comment line begins a new run.
-    pub(crate) fn close_comments(&mut self) {
-        self.comments_closed = true;
-    }
-
-    /// The tip moves: comments before it are no longer about the next tool.
-    pub(crate) fn forget_comments(&mut self) {
-        if !self.comments.is_empty() {
-            self.comments.clear();
-        }
-    }
-
-    // ---- structure
-
-    pub(crate) fn begin_workingstep(&mut self, name: String) {
-        if self.workingstep_open {
-            self.emit(StepKind::End(Level::Workingstep));
-        }
-        self.workingstep_open = true;
-        self.emit(StepKind::Begin(Marker {
-            level: Level::Workingstep,
-            name,
-            entity: None,
-            maximum_deviation: None,
-            derived: true,
-        }));
-    }
-
-    /// Moves before the first tool call are a workingstep too, named after the program.
-    pub(crate) fn ensure_workingstep(&mut self) {
-        if !self.workingstep_open {
-            self.begin_workingstep(self.program_name.clone());
-        }
-    }
-
     // ---- the rest
-
-    fn set_path_mode(&mut self, mode: PathMode, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        let mode = match mode {
-            PathMode::Tolerance(_) if self.profile.tolerance_word => match block.take(b'P') {
-                Some(p) if p.value < 0.0 => {
-                    return Err(Fault::new(at, 0, "word-range", "a tolerance cannot be negative", "correct P"));
-                }
-                Some(p) => PathMode::Tolerance(Some(Millimetres(self.length(b'P', p, site)))),
-                None => PathMode::Tolerance(None),
-            },
-            other => other,
-        };
-        if mode != self.path_mode {
-            self.path_mode = mode;
-            self.emit(StepKind::PathMode(mode));
-        }
-        Ok(())
-    }
-
-    fn once(&mut self, once: Once, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        match once {
-            Once::Dwell => self.dwell(at, block, site),
-            Once::SetOffset => self.set_offset(at, block, site),
-            Once::Home => self.home(at, [0.0; 3], block, site),
-            Once::SecondReference => self.second_reference(at, block, site),
-            Once::LocalShift => self.local_shift(at, block, site),
-            Once::MachineCoordinates => self.machine_move(at, block, site),
-            Once::SetPosition => self.set_position(block, site),
-            Once::ClearPosition => {
-                self.clear_position();
-                Ok(())
-            }
-            Once::ExactStop => Ok(()), // handled with the move
-            Once::Skip => self.skip(at, block, site),
-            Once::Contour(cycle) => self.contour_cycle(cycle, at, block, site),
-            Once::PeckColumns(deep) => self.peck_cycle(deep, at, block, site),
-            Once::ThreadCycle => self.thread_cycle(at, block, site),
-        }
-    }
-
-    fn dwell(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        let seconds = if let Some(p) = block.take(b'P') {
-            if p.has_point && !self.profile.dwell_point_too {
-                self.note(Severity::Warning, "dwell-point", site, p.at, || {
-                    (
-                        format!(
-                            "P with a point is read as {} seconds; some controls read milliseconds or alarm",
-                            p.value
-                        ),
-                        "write P without a point for milliseconds".to_owned(),
-                    )
-                });
-            }
-            p.value * self.dwell_factor(p)
-        } else if let Some(x) = block.take(b'X').or_else(|| block.take(b'U')) {
-            x.value
-        } else {
-            return Err(missing_word(at, "G4", "P"));
-        };
-        if seconds < 0.0 {
-            return Err(Fault::new(
-                at,
-                0,
-                "dwell-negative",
-                "a dwell cannot be negative",
-                "correct the time",
-            ));
-        }
-        if seconds > 0.0 {
-            self.emit(StepKind::Dwell(units::Seconds(seconds)));
-        }
-        Ok(())
-    }
-
-    /// Seconds for each unit of a dwell's P.
-    pub(crate) fn dwell_factor(&self, p: Word) -> f64 {
-        if p.has_point && !self.profile.dwell_point_too {
-            1.0
-        } else {
-            self.profile.dwell_unit
-        }
-    }
 
     fn note_unused(&mut self, block: &Block, site: Site<'_>) {
         if let Some((letter, word)) = block.unused() {
@@ -1157,15 +586,5 @@ pub(crate) fn g_name(code: u16) -> String {
         _ if code == u16::MAX => "such a G code".to_owned(),
         (whole, 0) => format!("G{whole}"),
         (whole, tenth) => format!("G{whole}.{tenth}"),
-    }
-}
-
-/// `T1 3" FACE MILL`; a comment that begins with the tool's number is name enough.
-fn step_name(number: u32, words: &str) -> String {
-    let call = format!("T{number}");
-    match words.strip_prefix(&call) {
-        Some(rest) if !rest.starts_with(|c: char| c.is_ascii_digit()) => words.to_owned(),
-        _ if words.is_empty() => call,
-        _ => format!("{call} {words}"),
     }
 }

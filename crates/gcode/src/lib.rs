@@ -4,11 +4,11 @@
 //! block's steps are handed on before the next one is read. Families of controls are data ([`PROFILES`]); [`detect()`] guesses the family
 //! and says why. [`inspect`](inspect::inspect) makes the tree of any program stream.
 //!
-//! What it deliberately does not do yet, and alarms about with line and column: scaling, rotation, mirror image and polar coordinates,
-//! threads with a variable lead, angles of a contour, and interruption macros (M96).
+//! What it deliberately does not do yet, and alarms about with line and column: threads with a variable lead, corners beside arcs, and
+//! compensation inside cycles of a mill.
 //!
 //! Read on: [`program`] for the stream, `interpreter` for the meaning of a block, `cycles` for blocks that stand for many moves,
-//! `compensation` for the path beside the contour, [`macro_b`] for the values of macros, `flow` for jumps, loops and calls,
+//! `compensation` for the path beside the contour, `shaping` for rotation and the like, [`macro_b`] for the values of macros, `flow` for jumps, loops and calls,
 //! [`interpret`] for a program without a machine, [`profile`] for what differs between controls.
 
 mod acting;
@@ -26,6 +26,7 @@ mod flow;
 pub mod inspect;
 pub mod interpretation;
 mod interpreter;
+mod interruption;
 mod line;
 mod listing;
 pub mod macro_b;
@@ -35,6 +36,7 @@ pub mod parameters;
 mod printing;
 pub mod profile;
 pub mod program;
+mod shaping;
 mod statement;
 mod system_variables;
 mod text;

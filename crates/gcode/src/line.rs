@@ -5,6 +5,7 @@
 
 use crate::expression::{Code, Expression, Parser};
 use crate::fault::{Fault, Outcome};
+use crate::listing::{name_at, number_of_name, word_of_name};
 use crate::macro_b::MacroRules;
 use crate::statement::{Statement, is_keyword, mixed, no_keyword, open_comment, shown, statement};
 use crate::text::number_at;
@@ -126,6 +127,30 @@ impl Line {
                 b':' if self.kind == Kind::Blank && text.get(at + 1).is_some_and(u8::is_ascii_digit) => {
                     at = self.word(text, at, b'O', &reading.macros)?;
                     self.kind = Kind::Words;
+                }
+                b'<' if reading.macros.named_programs => {
+                    let Some((name, end)) = name_at(text, at) else {
+                        return Err(Fault::new(
+                            at,
+                            114,
+                            "macro-format",
+                            "this is no name of a program",
+                            "write < >, and 1 to 32 letters, digits, + - _ . between",
+                        ));
+                    };
+                    if self.words.is_empty() {
+                        // At the head of its line it is the program's own name.
+                        self.program = Some((number_of_name(name), at));
+                    } else {
+                        self.words.push(SaidWord {
+                            letter: b'P',
+                            has_point: false,
+                            at: at as u32,
+                            source: Source::Number(word_of_name(name)),
+                        });
+                    }
+                    self.kind = Kind::Words;
+                    at = end;
                 }
                 b'%' if self.kind == Kind::Blank => {
                     self.kind = Kind::TapeMark;

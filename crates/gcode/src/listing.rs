@@ -249,10 +249,47 @@ fn may_loop(text: &[u8]) -> bool {
     matches!(rest, [b'W' | b'w' | b'D' | b'd' | b'E' | b'e', second, ..] if second.is_ascii_alphabetic())
 }
 
-/// The number of the program that this line begins: `O1234`, `:1234`.
+/// Programs with a name have numbers from here on, made of their names; numbers that are written have eight digits at most.
+const FIRST_NAMED: u32 = 1 << 31;
+
+/// The number that stands for a program's name. Two names would have to agree in 31 bits of FNV-1a to be taken for one.
+pub(crate) fn number_of_name(name: &[u8]) -> u32 {
+    let hash = name.iter().fold(0xcbf2_9ce4_8422_2325_u64, |h, b| {
+        (h ^ u64::from(b.to_ascii_uppercase())).wrapping_mul(0x0100_0000_01b3)
+    });
+    FIRST_NAMED | ((hash >> 32 ^ hash) as u32 & (FIRST_NAMED - 1))
+}
+
+/// The value of a word that is a name: a half behind the point, which no program number has.
+pub(crate) fn word_of_name(name: &[u8]) -> f64 {
+    f64::from(number_of_name(name)) + 0.5
+}
+
+/// The number behind such a word.
+pub(crate) fn named_program(value: f64) -> Option<u32> {
+    let named = value >= f64::from(FIRST_NAMED) && value - libm::trunc(value) == 0.5;
+    named.then(|| libm::trunc(value).min(f64::from(u32::MAX)) as u32)
+}
+
+/// True for the number of a program with a name.
+pub(crate) fn is_named(number: u32) -> bool {
+    number >= FIRST_NAMED
+}
+
+/// The name between `<` and `>` at a byte, and the byte behind it: letters, digits, `-`, `+`, `_` and `.`, 32 at most.
+pub(crate) fn name_at(text: &[u8], at: usize) -> Option<(&[u8], usize)> {
+    let inside = text.get(at..)?.strip_prefix(b"<")?;
+    let length = inside.iter().position(|b| *b == b'>')?;
+    let name = &inside[..length];
+    let good = |b: &u8| b.is_ascii_alphanumeric() || b"-+_.".contains(b);
+    ((1..=32).contains(&length) && name.iter().all(good)).then_some((name, at + length + 2))
+}
+
+/// The number of the program that this line begins: `O1234`, `:1234`, `<NAME>`.
 pub(crate) fn program_number(text: &[u8]) -> Option<u32> {
     let rest = match text.trim_ascii_start() {
         [b'O' | b'o' | b':', rest @ ..] => rest.trim_ascii_start(),
+        named @ [b'<', ..] => return name_at(named, 0).map(|(name, _)| number_of_name(name)),
         _ => return None,
     };
     let digits = rest.iter().take_while(|b| b.is_ascii_digit()).count();

@@ -93,6 +93,10 @@ pub struct MacroRules {
     pub longest_name: usize,
     /// A printed number with more digits than its field makes the field grow (Haas); else its front is cut.
     pub printed_field_grows: bool,
+    /// A program may have a name, `<PART_A>`, instead of a number (30i).
+    pub named_programs: bool,
+    /// M97 P calls the blocks from sequence number P on as a subprogram (Haas).
+    pub local_subprograms: bool,
 }
 
 /// How many digits a control keeps.

@@ -13,29 +13,28 @@ impl Interpreter {
 
     /// The places that the block's axis words name; `None` when there are none.
     pub(crate) fn target(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<Option<[f64; 3]>> {
-        let mut to = self.tip;
-        let mut named = [false; 3];
+        let mut said = [None; 3];
         let mut any = false;
-        for word in self.profile.axes {
-            let Some(w) = block.take(word.letter) else { continue };
-            if named[word.axis] {
-                let letter = char::from(word.letter);
-                return Err(Fault::new(
-                    w.at,
-                    0,
-                    "axis-twice",
-                    format!("{letter} names an axis that another word of this block names"),
-                    "keep one of them",
-                ));
-            }
-            let value = self.length(word.letter, w, site) * word.factor;
-            let adds = word.incremental.unwrap_or(self.incremental);
-            to[word.axis] = if adds { self.tip[word.axis] + value } else { value };
-            (named[word.axis], any) = (true, true);
-            if !adds {
-                self.carried[word.axis] = 0.0;
+        if block.has_any(b"XYZUW") {
+            said = self.said(block, site, None)?;
+            for (axis, word) in said.iter().enumerate() {
+                if let Some((_, adds)) = word {
+                    any = true;
+                    if !adds {
+                        self.carried[axis] = 0.0;
+                    }
+                }
             }
         }
+        let to = match self.shaping.is_plain() {
+            true => std::array::from_fn(|k| match said[k] {
+                None => self.tip[k],
+                Some((value, true)) => self.tip[k] + value,
+                Some((value, false)) => value,
+            }),
+            false if any => self.place_of(said),
+            false => self.tip,
+        };
         self.moved |= any;
         self.moved_since_stop |= any;
         Ok(any.then_some(to))
@@ -56,7 +55,10 @@ impl Interpreter {
         if to.is_none() && !circle_words {
             return Ok(());
         }
-        let to = to.unwrap_or(self.tip);
+        let mut to = to.unwrap_or(self.tip);
+        if self.motion == Motion::Straight {
+            self.take_angle(&mut to, block)?;
+        }
         if !self.motion_said {
             self.motion_said = true;
             self.note(Severity::Remark, "no-motion-code", site, at, || {
@@ -128,6 +130,77 @@ impl Interpreter {
             .unwrap_or(0)
     }
 
+    /// `,A`, on a lathe also A: the angle of a straight move from the first axis of the plane, with one of its ends.
+    fn take_angle(&mut self, to: &mut [f64; 3], block: &mut Block) -> Outcome<()> {
+        let letter = if self.profile.turning { block.take(b'A') } else { None };
+        let Some(angle) = block.angle.take().or(letter) else {
+            return Ok(());
+        };
+        let [a, b, _] = self.plane.axes();
+        let from = self.tip;
+        let named = |axis: usize| {
+            self.profile
+                .axes
+                .iter()
+                .any(|w| w.axis == axis && block.look(w.letter).is_some())
+        };
+        if !self.shaping.is_plain() {
+            return Err(Fault::not_there_yet(
+                angle.at,
+                "an angle of a contour (,A) with G16, G51 or G68",
+            ));
+        }
+        let (sine, cosine) = (
+            crate::evaluate::sin_degrees(angle.value),
+            crate::evaluate::sin_degrees(angle.value + 90.0),
+        );
+        let way = match (named(a), named(b)) {
+            (true, false) if cosine.abs() > 1e-9 => (to[a] - from[a]) / cosine,
+            (false, true) if sine.abs() > 1e-9 => (to[b] - from[b]) / sine,
+            (false, false) => {
+                return Err(Fault::not_there_yet(
+                    angle.at,
+                    "a line given by its angle alone, up to the next line,",
+                ));
+            }
+            (true, true) => {
+                return Err(Fault::new(
+                    angle.at,
+                    0,
+                    "angle-twice",
+                    "the end of this move is given by both axes, and an angle too",
+                    "keep the angle and one axis, or both axes",
+                ));
+            }
+            _ => {
+                return Err(Fault::new(
+                    angle.at,
+                    0,
+                    "angle-parallel",
+                    format!("a line at {} degrees never comes to that place", angle.value),
+                    "give the other axis, or correct the angle",
+                ));
+            }
+        };
+        // An angle points to one side only.
+        if way < -1e-9 {
+            return Err(Fault::new(
+                angle.at,
+                0,
+                "angle-back",
+                format!("a line at {} degrees leads away from that place", angle.value),
+                "turn the angle by 180 degrees, or correct the place",
+            ));
+        }
+        (to[a], to[b]) = (from[a] + way * cosine, from[b] + way * sine);
+        Ok(())
+    }
+
+    /// How many words of the block name an axis.
+    fn axis_words(&self, block: &Block) -> usize {
+        self.profile.axes.iter().filter(|w| block.look(w.letter).is_some()).count()
+    }
+
     /// A straight move of the tip; none when it is there already.
     pub(crate) fn line(&mut self, to: [f64; 3], speed: Speed) {
         let from = self.tip;
@@ -174,18 +247,30 @@ impl Interpreter {
         self.trace.path.push(end);
     }
 
-    fn arc(&mut self, to: [f64; 3], counterclockwise: bool, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
+    fn arc(&mut self, to: [f64; 3], mut counterclockwise: bool, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
         let feed = Speed::Feed(self.feed(at)?);
         let [a, b, _] = self.plane.axes();
         let letters = [b'I', b'J', b'K'];
         let mut centre = [self.tip[a], self.tip[b]];
         let mut has_centre = false;
+        let mut way = [0.0; 3];
         for (index, axis) in [a, b].into_iter().enumerate() {
             if let Some(w) = block.take(letters[axis]) {
                 let value = self.length(letters[axis], w, site);
+                way[axis] = value;
                 centre[index] = if self.absolute_centres { value } else { centre[index] + value };
                 has_centre = true;
             }
+        }
+        let mut grown = 1.0;
+        if !self.shaping.is_plain() {
+            let Some(factor) = self.shaping.radius_factor(self.plane) else {
+                return Err(Fault::not_there_yet(at, "an arc with different scales along its axes"));
+            };
+            grown = factor;
+            way = self.shaping.way(way);
+            centre = [self.tip[a] + way[a], self.tip[b] + way[b]];
+            counterclockwise ^= self.shaping.turns_round(self.plane);
         }
         let circle = match block.take(b'R') {
             Some(r) => {
@@ -197,7 +282,7 @@ impl Interpreter {
                         )
                     });
                 }
-                Circle::Radius(self.length(b'R', r, site))
+                Circle::Radius(self.length(b'R', r, site) * grown)
             }
             None if has_centre => Circle::Centre(centre),
             None => {
@@ -313,7 +398,8 @@ impl Interpreter {
 
     /// G53.
     pub(crate) fn machine_move(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        if self.incremental {
+        let alone = self.axis_words(block) == 0;
+        if self.incremental && !(alone && self.macros.fanuc_ranges) {
             return Err(Fault::new(
                 at,
                 0,
@@ -407,21 +493,33 @@ impl Interpreter {
 
     /// G30.
     pub(crate) fn second_reference(&mut self, at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        if let Some(p) = block.take(b'P')
-            && Self::whole(p, 'P', 4)? != 2
-        {
-            return Err(Fault::not_there_yet(p.at, "a third or fourth reference position"));
-        }
-        let place = match self.options.second_reference {
+        const ORDER: [&str; 3] = ["second", "third", "fourth"];
+        let which = match block.take(b'P') {
+            None => 2,
+            Some(p) => match Self::whole(p, 'P', 4)? {
+                which @ 2..=4 => which,
+                other => {
+                    return Err(Fault::new(
+                        p.at,
+                        46,
+                        "word-range",
+                        format!("G30 P{other}: reference positions are P2, P3 and P4"),
+                        "write P2, P3 or P4, or no P for the second",
+                    ));
+                }
+            },
+        };
+        let index = which as usize - 2;
+        let by_axis: [Option<f64>; 3] = std::array::from_fn(|axis| {
+            let said = self.settings.all.of_axis(1239 + which, axis);
+            said.map(|mm| mm * self.profile.factor(axis))
+        });
+        let place = match self.options.references[index] {
             Some(place) => place.xyz,
+            None if by_axis.iter().any(Option::is_some) => by_axis.map(Option::unwrap_or_default),
             None => {
-                self.missing(
-                    "missing-reference",
-                    site,
-                    at,
-                    "the second reference position",
-                    "the machine's zero",
-                )?;
+                let what = format!("the {} reference position (parameter {})", ORDER[index], 1239 + which);
+                self.missing("missing-reference", site, at, &what, "the machine's zero")?;
                 [0.0; 3]
             }
         };

@@ -2,25 +2,46 @@
 
 use std::collections::BTreeMap;
 
-/// Parameters by number. A bit of a parameter is set and read as `6001.5`.
+/// Parameters by number. A bit of a parameter is set and read as `6001.5`, one that each axis has as `1241/X`.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Parameters(BTreeMap<u32, f64>);
+pub struct Parameters {
+    values: BTreeMap<u32, f64>,
+    /// By number and axis, 0 to 2.
+    of_axes: BTreeMap<(u32, usize), f64>,
+}
 
 impl Parameters {
-    /// Takes `6050` or `6001.5` with its value.
+    /// Takes `6050`, `6001.5` or `1241/X` with its value.
     ///
     /// # Errors
     /// The key is neither a number nor number and bit, or the value of a bit is not 0 or 1.
     pub fn set(&mut self, key: &str, value: f64) -> Result<(), String> {
-        let wrong =
-            || format!("parameter \"{key}\": a number such as \"6050\", or number and bit such as \"6001.5\", was expected");
+        let wrong = || {
+            format!(
+                "parameter \"{key}\": a number such as \"6050\", number and bit such as \"6001.5\", or number and axis such as \"1241/X\", was expected"
+            )
+        };
+        if !value.is_finite() {
+            return Err(format!("parameter \"{key}\" = {value}: a finite number was expected"));
+        }
+        if let Some((number, axis)) = key.split_once('/') {
+            let number: u32 = number.trim().parse().map_err(|_| wrong())?;
+            let axis = match axis.trim() {
+                "X" | "x" => 0,
+                "Y" | "y" => 1,
+                "Z" | "z" => 2,
+                _ => return Err(wrong()),
+            };
+            self.of_axes.insert((number, axis), value);
+            return Ok(());
+        }
         let (number, bit) = match key.split_once('.') {
             Some((number, bit)) => (number, Some(bit)),
             None => (key, None),
         };
         let number: u32 = number.trim().parse().map_err(|_| wrong())?;
         let Some(bit) = bit else {
-            self.0.insert(number, value);
+            self.values.insert(number, value);
             return Ok(());
         };
         let bit: u8 = bit.trim().parse().map_err(|_| wrong())?;
@@ -30,22 +51,27 @@ impl Parameters {
         let old = self.bits(number);
         let mask = 1_u8 << bit;
         let new = if value == 1.0 { old | mask } else { old & !mask };
-        self.0.insert(number, f64::from(new));
+        self.values.insert(number, f64::from(new));
         // A bit that was said to be 0 differs from one that nobody spoke of.
-        self.0.insert(SAID + number * 8 + u32::from(bit), value);
+        self.values.insert(SAID + number * 8 + u32::from(bit), value);
         Ok(())
+    }
+
+    /// An axis's value of a parameter that each axis has.
+    pub fn of_axis(&self, number: u32, axis: usize) -> Option<f64> {
+        self.of_axes.get(&(number, axis)).copied()
     }
 
     /// A parameter's value; 0 when nobody set it.
     pub fn value(&self, number: u32) -> f64 {
-        self.0.get(&number).copied().unwrap_or(0.0)
+        self.values.get(&number).copied().unwrap_or(0.0)
     }
 
     /// A bit of a parameter, when somebody set it.
     pub fn bit(&self, number: u32, bit: u8) -> Option<bool> {
-        match self.0.get(&(SAID + number * 8 + u32::from(bit))) {
+        match self.values.get(&(SAID + number * 8 + u32::from(bit))) {
             Some(value) => Some(*value == 1.0),
-            None => self.0.get(&number).map(|_| self.bits(number) >> bit & 1 == 1),
+            None => self.values.get(&number).map(|_| self.bits(number) >> bit & 1 == 1),
         }
     }
 
@@ -96,6 +122,20 @@ pub(crate) struct Settings {
     pub first_arguments: bool,
     /// 6000.3 V15: tool offset variables as on a series 15.
     pub series_15: bool,
+    /// 5013: largest wear entry; 0 is no limit of its own. In least increments or lengths, as the profile says.
+    pub largest_wear: f64,
+    /// 5014: largest change of a wear entry that is entered incrementally.
+    pub largest_wear_step: f64,
+    /// 6003.7 MUS: interruption macros.
+    pub interruptions: bool,
+    /// M96 and M97, or what 6033 and 6034 say with 6003.6 MPR.
+    pub interruption_codes: [u16; 2],
+    /// 6003.3 TSE: the signal interrupts as long as it is on; else when it comes on.
+    pub interrupts_by_state: bool,
+    /// 6003.4 MIN: the macro runs behind the block; else at once.
+    pub interrupts_behind_block: bool,
+    /// 6003.5 MSB: the macro shares the locals of the program; else it has its own.
+    pub interruption_shares_locals: bool,
     /// 5004.1 ORC: X offsets of a lathe are radius values.
     pub radius_offsets: bool,
 }
@@ -126,6 +166,16 @@ impl Settings {
             prints_returns: parameters.is(6001, 4),
             first_arguments: parameters.is(6008, 7),
             series_15: parameters.is(6000, 3),
+            largest_wear: parameters.value(5013),
+            largest_wear_step: parameters.value(5014),
+            interruptions: parameters.is(6003, 7),
+            interruption_codes: match parameters.is(6003, 6) {
+                true => [6033, 6034].map(|n| parameters.value(n).clamp(0.0, 9999.0) as u16),
+                false => [96, 97],
+            },
+            interrupts_by_state: parameters.is(6003, 3),
+            interrupts_behind_block: parameters.is(6003, 4),
+            interruption_shares_locals: parameters.is(6003, 5),
             radius_offsets: parameters.is(5004, 1),
             all: parameters.clone(),
         }
@@ -149,6 +199,9 @@ mod tests {
         assert_eq!(p.value(6001), 32.0);
         let s = Settings::of(&p);
         assert!(s.t_calls && s.g_calls[0].modal && s.g_calls[0].program == 9010);
+        p.set("1241/X", -50.5).unwrap();
+        assert_eq!((p.of_axis(1241, 0), p.of_axis(1241, 1)), (Some(-50.5), None));
+        assert!(p.set("1241/Q", 1.0).is_err());
         assert!(p.set("6001.9", 1.0).is_err());
         assert!(p.set("TCS", 1.0).is_err());
         assert!(p.set("6001.5", 7.0).is_err());

@@ -30,11 +30,11 @@ pub(crate) fn printed(value: f64, whole: u8, decimals: u8, no_zeros: bool, grows
     text
 }
 
-/// A number times ten to the decimals as four bytes, high byte first, each as the character of that number.
-pub(crate) fn binary(value: f64, decimals: u8) -> String {
+/// A number times ten to the decimals as four bytes, high byte first, each as the character of that number; `None` when it takes more.
+pub(crate) fn binary(value: f64, decimals: u8) -> Option<String> {
     let scaled = libm::round(value * libm::pow(10.0, f64::from(decimals)));
-    let whole = scaled.clamp(f64::from(i32::MIN), f64::from(i32::MAX)) as i32;
-    whole.to_be_bytes().iter().map(|b| char::from(*b)).collect()
+    let fits = (f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&scaled);
+    fits.then(|| (scaled as i32).to_be_bytes().iter().map(|b| char::from(*b)).collect())
 }
 
 #[cfg(test)]
@@ -63,7 +63,8 @@ mod tests {
             );
         }
         assert_eq!(printed(123.456, 2, 0, true, true), "123");
-        assert_eq!(binary(-1.0, 0), "\u{ff}\u{ff}\u{ff}\u{ff}");
-        assert_eq!(binary(0.4096, 4), "\0\0\u{10}\0");
+        assert_eq!(binary(-1.0, 0).as_deref(), Some("\u{ff}\u{ff}\u{ff}\u{ff}"));
+        assert_eq!(binary(0.4096, 4).as_deref(), Some("\0\0\u{10}\0"));
+        assert_eq!(binary(1e9, 1), None);
     }
 }

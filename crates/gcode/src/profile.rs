@@ -3,6 +3,14 @@
 //! A family is one [`Profile`] and one line in [`PROFILES`]. Nothing else in the crate asks for a family by its name: behaviour that
 //! differs is a field here.
 
+mod lathe;
+mod mill;
+mod rs274;
+
+pub use lathe::FANUC_LATHE;
+pub use mill::FANUC_MILL;
+pub use rs274::RS274;
+
 use crate::cycles::roughing::ContourCycle;
 use crate::cycles::turning::SingleKind;
 use crate::macro_b::{Digits, MacroRules};
@@ -23,6 +31,10 @@ pub struct Profile {
     pub m: &'static [(u16, M)],
     /// The laws of its variables and expressions.
     pub macros: MacroRules,
+    /// Largest size of an offset entry, millimetres and inches; alarm 032 beyond.
+    pub largest_offset: [f64; 2],
+    /// Parameters 5013 and 5014, the limits of wear entries, count least increments; else they are lengths (30i).
+    pub limits_in_increments: bool,
     /// Least input increment, millimetres and inches. Words whose value comes from a variable are rounded to it.
     pub increment: [f64; 2],
     /// False when words are taken as computed (LinuxCNC).
@@ -80,54 +92,6 @@ pub struct AxisWord {
     pub incremental: Option<bool>,
 }
 
-const MILL_AXES: &[AxisWord] = &[
-    AxisWord {
-        letter: b'X',
-        axis: 0,
-        factor: 1.0,
-        incremental: None,
-    },
-    AxisWord {
-        letter: b'Y',
-        axis: 1,
-        factor: 1.0,
-        incremental: None,
-    },
-    AxisWord {
-        letter: b'Z',
-        axis: 2,
-        factor: 1.0,
-        incremental: None,
-    },
-];
-
-const LATHE_AXES: &[AxisWord] = &[
-    AxisWord {
-        letter: b'X',
-        axis: 0,
-        factor: 0.5,
-        incremental: Some(false),
-    },
-    AxisWord {
-        letter: b'Z',
-        axis: 2,
-        factor: 1.0,
-        incremental: Some(false),
-    },
-    AxisWord {
-        letter: b'U',
-        axis: 0,
-        factor: 0.5,
-        incremental: Some(true),
-    },
-    AxisWord {
-        letter: b'W',
-        axis: 2,
-        factor: 1.0,
-        incremental: Some(true),
-    },
-];
-
 /// Where a kind of tool offset register lies among the system variables.
 #[derive(Debug)]
 pub struct OffsetVariables {
@@ -144,50 +108,6 @@ impl OffsetVariables {
         OffsetVariables { first, count, register }
     }
 }
-
-/// Memory C of a mill: H and D, wear and geometry. Memory A and B use a part of it.
-const MILL_OFFSETS: &[OffsetVariables] = &[
-    OffsetVariables::new(2001, 200, Register::Wear(2)),
-    OffsetVariables::new(2201, 200, Register::Geometry(2)),
-    OffsetVariables::new(10_001, 999, Register::Wear(2)),
-    OffsetVariables::new(11_001, 999, Register::Geometry(2)),
-    OffsetVariables::new(12_001, 999, Register::RadiusWear),
-    OffsetVariables::new(13_001, 999, Register::Radius),
-];
-
-/// The same in the layout of a series 15, which Haas always uses.
-const MILL_OFFSETS_15: &[OffsetVariables] = &[
-    OffsetVariables::new(2001, 200, Register::Geometry(2)),
-    OffsetVariables::new(2201, 200, Register::Wear(2)),
-    OffsetVariables::new(2401, 200, Register::Radius),
-    OffsetVariables::new(2601, 200, Register::RadiusWear),
-    OffsetVariables::new(10_001, 999, Register::Geometry(2)),
-    OffsetVariables::new(11_001, 999, Register::Wear(2)),
-    OffsetVariables::new(12_001, 999, Register::Radius),
-    OffsetVariables::new(13_001, 999, Register::RadiusWear),
-];
-
-/// Memory C of a lathe; memory A and B use the wear part.
-const LATHE_OFFSETS: &[OffsetVariables] = &[
-    OffsetVariables::new(2001, 64, Register::Wear(0)),
-    OffsetVariables::new(2101, 64, Register::Wear(2)),
-    OffsetVariables::new(2201, 64, Register::RadiusWear),
-    OffsetVariables::new(2301, 64, Register::TipDirection),
-    OffsetVariables::new(2401, 49, Register::Wear(1)),
-    OffsetVariables::new(2451, 49, Register::Geometry(1)),
-    OffsetVariables::new(2701, 49, Register::Geometry(0)),
-    OffsetVariables::new(2801, 49, Register::Geometry(2)),
-    OffsetVariables::new(2901, 49, Register::Radius),
-    OffsetVariables::new(10_001, 999, Register::Wear(0)),
-    OffsetVariables::new(11_001, 999, Register::Wear(2)),
-    OffsetVariables::new(12_001, 999, Register::RadiusWear),
-    OffsetVariables::new(13_001, 999, Register::TipDirection),
-    OffsetVariables::new(14_001, 999, Register::Wear(1)),
-    OffsetVariables::new(15_001, 999, Register::Geometry(0)),
-    OffsetVariables::new(16_001, 999, Register::Geometry(2)),
-    OffsetVariables::new(17_001, 999, Register::Radius),
-    OffsetVariables::new(19_001, 999, Register::Geometry(1)),
-];
 
 /// A number of a tool's table entry, as system variables show it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -328,6 +248,16 @@ pub enum Once {
     PeckColumns(usize),
     /// G76 of a lathe.
     ThreadCycle,
+    /// G68.
+    Rotate,
+    /// G51.
+    Scale,
+    /// G50 of a mill.
+    ScaleOff,
+    /// G51.1.
+    Mirror,
+    /// G50.1.
+    MirrorOff,
 }
 
 /// What a G code means.
@@ -367,7 +297,11 @@ pub enum G {
     Path(PathMode),
     /// G96 or not: group 2 of a lathe.
     SurfaceSpeed(bool),
-    /// Group 0.
+    /// Group 17 of a mill: places by radius and angle or not.
+    Polar(bool),
+    /// G69.
+    RotationOff,
+    /// Group 0, and codes that take all axis words of their block.
     Once(Once),
     /// Known, and without effect on what is modelled here: the reason.
     Harmless(&'static str),
@@ -380,6 +314,8 @@ impl G {
     pub(crate) fn group(self) -> Option<u8> {
         Some(match self {
             G::Once(Once::ExactStop) | G::Harmless(_) | G::NotYet(_) => return None,
+            // A cancel may stand beside anything.
+            G::Once(Once::ScaleOff | Once::MirrorOff) => 11,
             G::Once(_) => 0,
             G::Motion(_) | G::Single(_) => 1,
             G::Plane(_) => 2,
@@ -393,6 +329,8 @@ impl G {
             G::ReturnToR(_) => 10,
             G::Work(_) | G::MoreWork => 14,
             G::Path(_) => 15,
+            G::RotationOff => 16,
+            G::Polar(_) => 18,
             G::SurfaceSpeed(_) => 17,
         })
     }
@@ -431,6 +369,8 @@ pub enum M {
     Call,
     /// M99: back to the caller.
     Return,
+    /// M97 of Haas: run the blocks of this program from a sequence number on, until M99.
+    LocalCall,
     /// Known, and without effect on what is modelled here: the reason.
     Harmless(&'static str),
 }
@@ -464,6 +404,8 @@ const FANUC_MACROS: MacroRules = MacroRules {
     deepest_subprogram: 4,
     longest_name: 8,
     printed_field_grows: false,
+    named_programs: false,
+    local_subprograms: false,
 };
 
 /// 30i, 31i, 32i and 0i-F.
@@ -472,252 +414,16 @@ const FANUC_30I_MACROS: MacroRules = MacroRules {
     deepest_macro: 5,
     deepest_subprogram: 10,
     longest_name: 31,
+    named_programs: true,
     ..FANUC_MACROS
 };
 
 const HAAS_MACROS: MacroRules = MacroRules {
     printed_field_grows: true,
+    local_subprograms: true,
     deepest_macro: 9,
     deepest_subprogram: 9,
     ..FANUC_MACROS
-};
-
-/// Fanuc 16i/18i/21i, 0i and their relatives on a milling machine.
-pub const FANUC_MILL: Profile = Profile {
-    name: "fanuc-mill",
-    about: "Fanuc 16i/0i and relatives on a milling machine, Custom Macro B",
-    turning: false,
-    g: &[
-        (0, G::Motion(Motion::Rapid)),
-        (10, G::Motion(Motion::Straight)),
-        (20, G::Motion(Motion::Clockwise)),
-        (30, G::Motion(Motion::Counterclockwise)),
-        (40, G::Once(Once::Dwell)),
-        (50, G::Harmless("high-speed mode")),
-        (51, G::Harmless("look-ahead mode")),
-        (80, G::Harmless("look-ahead mode")),
-        (90, G::Once(Once::ExactStop)),
-        (100, G::Once(Once::SetOffset)),
-        (110, G::Harmless("end of data setting")),
-        (131, G::Harmless("polar interpolation off")),
-        (150, G::Harmless("polar coordinates off")),
-        (160, G::NotYet("polar coordinates (G16)")),
-        (170, G::Plane(Plane::Xy)),
-        (180, G::Plane(Plane::Zx)),
-        (190, G::Plane(Plane::Yz)),
-        (200, G::Inches(true)),
-        (210, G::Inches(false)),
-        (280, G::Once(Once::Home)),
-        (300, G::Once(Once::SecondReference)),
-        (310, G::Once(Once::Skip)),
-        (330, G::Motion(Motion::Thread)),
-        (400, G::Side(Side::On)),
-        (410, G::Side(Side::Left)),
-        (420, G::Side(Side::Right)),
-        (430, G::Length(1)),
-        (440, G::Length(-1)),
-        (490, G::Length(0)),
-        (500, G::Harmless("scaling off")),
-        (501, G::Harmless("mirror image off")),
-        (510, G::NotYet("scaling (G51)")),
-        (511, G::NotYet("mirror image (G51.1)")),
-        (520, G::Once(Once::LocalShift)),
-        (530, G::Once(Once::MachineCoordinates)),
-        (540, G::Work(1)),
-        (541, G::MoreWork),
-        (550, G::Work(2)),
-        (560, G::Work(3)),
-        (570, G::Work(4)),
-        (580, G::Work(5)),
-        (590, G::Work(6)),
-        (610, G::Path(PathMode::ExactStop)),
-        (640, G::Path(PathMode::Tolerance(None))),
-        (650, G::NotYet("the macro call (G65)")),
-        (660, G::NotYet("the modal macro call (G66)")),
-        (670, G::Harmless("modal macro call off")),
-        (680, G::NotYet("rotation (G68)")),
-        (690, G::Harmless("rotation off")),
-        (730, G::Drill(Drilling::ChipBreak)),
-        (740, G::Drill(Drilling::LeftTap)),
-        (760, G::Drill(Drilling::FineBore)),
-        (800, G::DrillEnd),
-        (810, G::Drill(Drilling::Plain)),
-        (820, G::Drill(Drilling::Dwell)),
-        (830, G::Drill(Drilling::Peck)),
-        (840, G::Drill(Drilling::Tap)),
-        (850, G::Drill(Drilling::Ream)),
-        (860, G::Drill(Drilling::Bore)),
-        (870, G::Drill(Drilling::BackBore)),
-        (880, G::Drill(Drilling::ManualBore)),
-        (890, G::Drill(Drilling::ReamDwell)),
-        (900, G::Incremental(false)),
-        (910, G::Incremental(true)),
-        (920, G::Once(Once::SetPosition)),
-        (930, G::Feed(FeedMode::InverseTime)),
-        (940, G::Feed(FeedMode::PerMinute)),
-        (950, G::Feed(FeedMode::PerRevolution)),
-        (970, G::SurfaceSpeed(false)),
-        (980, G::ReturnToR(false)),
-        (990, G::ReturnToR(true)),
-    ],
-    m: &[
-        (0, M::Stop),
-        (1, M::OptionalStop),
-        (2, M::End),
-        (3, M::Clockwise),
-        (4, M::Counterclockwise),
-        (5, M::SpindleStop),
-        (6, M::ToolChange),
-        (7, M::Mist),
-        (8, M::Flood),
-        (9, M::CoolantOff),
-        (19, M::Orient),
-        (29, M::RigidTapping),
-        (30, M::End),
-        (48, M::Harmless("override switches on")),
-        (49, M::Harmless("override switches off")),
-        (88, M::ThroughCoolant),
-        (89, M::CoolantOff),
-        (98, M::Call),
-        (99, M::Return),
-    ],
-    macros: FANUC_MACROS,
-    increment: [0.001, 0.0001],
-    rounds_words: true,
-    dwell_unit: 0.001,
-    dwell_point_too: false,
-    tool_change_after_motion: true,
-    message_comments: false,
-    length_of_the_tool: false,
-    machine_moves_at_feed: false,
-    peck_clearance: 1.0,
-    plane: Plane::Xy,
-    axes: MILL_AXES,
-    variable_axes: &[0, 1, 2],
-    letters: b"DFGHIJKLMNOPQRSTXYZ",
-    point_matters: true,
-    external_offset: true,
-    offsets_add: true,
-    raises_before_hole: false,
-    tolerance_word: false,
-    arc_turns: false,
-    offset_variables: MILL_OFFSETS,
-    series_15_variables: MILL_OFFSETS_15,
-};
-
-/// Fanuc on a lathe, G-code system A.
-pub const FANUC_LATHE: Profile = Profile {
-    name: "fanuc-lathe",
-    about: "Fanuc 16i/0i and relatives on a lathe, G-code system A, Custom Macro B",
-    turning: true,
-    g: &[
-        (0, G::Motion(Motion::Rapid)),
-        (10, G::Motion(Motion::Straight)),
-        (20, G::Motion(Motion::Clockwise)),
-        (30, G::Motion(Motion::Counterclockwise)),
-        (40, G::Once(Once::Dwell)),
-        (80, G::Harmless("look-ahead mode")),
-        (90, G::Once(Once::ExactStop)),
-        (100, G::Once(Once::SetOffset)),
-        (110, G::Harmless("end of data setting")),
-        (131, G::Harmless("polar interpolation off")),
-        (180, G::Plane(Plane::Zx)),
-        (200, G::Inches(true)),
-        (210, G::Inches(false)),
-        (250, G::Harmless("spindle speed check off")),
-        (260, G::Harmless("spindle speed check on")),
-        (280, G::Once(Once::Home)),
-        (300, G::Once(Once::SecondReference)),
-        (310, G::Once(Once::Skip)),
-        (320, G::Motion(Motion::Thread)),
-        (340, G::NotYet("threading with a variable lead (G34)")),
-        (400, G::Side(Side::On)),
-        (410, G::Side(Side::Left)),
-        (420, G::Side(Side::Right)),
-        (500, G::Once(Once::SetPosition)),
-        (520, G::Once(Once::LocalShift)),
-        (530, G::Once(Once::MachineCoordinates)),
-        (540, G::Work(1)),
-        (550, G::Work(2)),
-        (560, G::Work(3)),
-        (570, G::Work(4)),
-        (580, G::Work(5)),
-        (590, G::Work(6)),
-        (610, G::Path(PathMode::ExactStop)),
-        (640, G::Path(PathMode::Tolerance(None))),
-        (650, G::NotYet("the macro call (G65)")),
-        (660, G::NotYet("the modal macro call (G66)")),
-        (670, G::Harmless("modal macro call off")),
-        (690, G::Harmless("mirror image off")),
-        (700, G::Once(Once::Contour(ContourCycle::Finish))),
-        (710, G::Once(Once::Contour(ContourCycle::Turn))),
-        (720, G::Once(Once::Contour(ContourCycle::Face))),
-        (730, G::Once(Once::Contour(ContourCycle::Pattern))),
-        (740, G::Once(Once::PeckColumns(2))),
-        (750, G::Once(Once::PeckColumns(0))),
-        (760, G::Once(Once::ThreadCycle)),
-        (800, G::DrillEnd),
-        (830, G::Drill(Drilling::Peck)),
-        (840, G::Drill(Drilling::Tap)),
-        (850, G::Drill(Drilling::Ream)),
-        (870, G::SideDrill(Drilling::Peck)),
-        (880, G::SideDrill(Drilling::Tap)),
-        (890, G::SideDrill(Drilling::Ream)),
-        (900, G::Single(SingleKind::Turn)),
-        (920, G::Single(SingleKind::Thread)),
-        (940, G::Single(SingleKind::Face)),
-        (960, G::SurfaceSpeed(true)),
-        (970, G::SurfaceSpeed(false)),
-        (980, G::Feed(FeedMode::PerMinute)),
-        (990, G::Feed(FeedMode::PerRevolution)),
-    ],
-    m: &[
-        (0, M::Stop),
-        (1, M::OptionalStop),
-        (2, M::End),
-        (3, M::Clockwise),
-        (4, M::Counterclockwise),
-        (5, M::SpindleStop),
-        (7, M::Mist),
-        (8, M::Flood),
-        (9, M::CoolantOff),
-        (10, M::Harmless("chuck")),
-        (11, M::Harmless("chuck")),
-        (19, M::Orient),
-        (23, M::Harmless("chamfering on")),
-        (24, M::Harmless("chamfering off")),
-        (29, M::RigidTapping),
-        (30, M::End),
-        (40, M::Harmless("gear")),
-        (41, M::Harmless("gear")),
-        (42, M::Harmless("gear")),
-        (43, M::Harmless("gear")),
-        (44, M::Harmless("gear")),
-        (98, M::Call),
-        (99, M::Return),
-    ],
-    macros: FANUC_MACROS,
-    increment: [0.001, 0.0001],
-    rounds_words: true,
-    dwell_unit: 0.001,
-    dwell_point_too: false,
-    tool_change_after_motion: false,
-    message_comments: false,
-    length_of_the_tool: false,
-    machine_moves_at_feed: false,
-    peck_clearance: 1.0,
-    plane: Plane::Zx,
-    axes: LATHE_AXES,
-    variable_axes: &[0, 2],
-    letters: b"ACDFGIKLMNOPQRSTUWXZ",
-    point_matters: true,
-    external_offset: true,
-    offsets_add: true,
-    raises_before_hole: false,
-    tolerance_word: false,
-    arc_turns: false,
-    offset_variables: LATHE_OFFSETS,
-    series_15_variables: &[],
 };
 
 /// Fanuc 30i family on a milling machine.
@@ -725,6 +431,8 @@ pub const FANUC_30I_MILL: Profile = Profile {
     name: "fanuc-30i-mill",
     about: "Fanuc 30i/31i/32i/0i-F on a milling machine, Custom Macro B",
     macros: FANUC_30I_MACROS,
+    largest_offset: [9999.999, 999.9999],
+    limits_in_increments: false,
     ..FANUC_MILL
 };
 
@@ -733,6 +441,8 @@ pub const FANUC_30I_LATHE: Profile = Profile {
     name: "fanuc-30i-lathe",
     about: "Fanuc 30i/31i/32i/0i-F on a lathe, G-code system A, Custom Macro B",
     macros: FANUC_30I_MACROS,
+    largest_offset: [9999.999, 999.9999],
+    limits_in_increments: false,
     ..FANUC_LATHE
 };
 
@@ -752,137 +462,9 @@ pub const HAAS_MILL: Profile = Profile {
     name: "haas-mill",
     about: "Haas on a milling machine: offset variables as on a series 15, printed fields that grow",
     macros: HAAS_MACROS,
-    offset_variables: MILL_OFFSETS_15,
+    largest_offset: [9999.999, 999.9999],
+    offset_variables: mill::MILL_OFFSETS_15,
     ..FANUC_MILL
-};
-
-/// RS274/NGC as LinuxCNC reads it, without o-words and named parameters.
-pub const RS274: Profile = Profile {
-    name: "rs274",
-    about: "RS274/NGC, the language of LinuxCNC, without o-words and named parameters",
-    turning: false,
-    g: &[
-        (0, G::Motion(Motion::Rapid)),
-        (10, G::Motion(Motion::Straight)),
-        (20, G::Motion(Motion::Clockwise)),
-        (30, G::Motion(Motion::Counterclockwise)),
-        (40, G::Once(Once::Dwell)),
-        (50, G::NotYet("the cubic spline (G5)")),
-        (51, G::NotYet("the quadratic spline (G5.1)")),
-        (70, G::NotYet("diameter mode (G7)")),
-        (80, G::Harmless("radius mode")),
-        (100, G::Once(Once::SetOffset)),
-        (170, G::Plane(Plane::Xy)),
-        (180, G::Plane(Plane::Zx)),
-        (190, G::Plane(Plane::Yz)),
-        (200, G::Inches(true)),
-        (210, G::Inches(false)),
-        (280, G::Once(Once::Home)),
-        (300, G::Once(Once::SecondReference)),
-        (330, G::NotYet("spindle-synchronous motion (G33)")),
-        (382, G::NotYet("probing (G38)")),
-        (383, G::NotYet("probing (G38)")),
-        (384, G::NotYet("probing (G38)")),
-        (385, G::NotYet("probing (G38)")),
-        (400, G::Side(Side::On)),
-        (410, G::Side(Side::Left)),
-        (420, G::Side(Side::Right)),
-        (430, G::Length(1)),
-        (490, G::Length(0)),
-        (520, G::Once(Once::LocalShift)),
-        (530, G::Once(Once::MachineCoordinates)),
-        (540, G::Work(1)),
-        (550, G::Work(2)),
-        (560, G::Work(3)),
-        (570, G::Work(4)),
-        (580, G::Work(5)),
-        (590, G::Work(6)),
-        (591, G::NotYet("the seventh work offset (G59.1)")),
-        (592, G::NotYet("the eighth work offset (G59.2)")),
-        (593, G::NotYet("the ninth work offset (G59.3)")),
-        (610, G::Path(PathMode::ExactPath)),
-        (611, G::Path(PathMode::ExactStop)),
-        (640, G::Path(PathMode::Tolerance(None))),
-        (730, G::Drill(Drilling::ChipBreak)),
-        (760, G::NotYet("the threading cycle (G76)")),
-        (800, G::DrillEnd),
-        (810, G::Drill(Drilling::Plain)),
-        (820, G::Drill(Drilling::Dwell)),
-        (830, G::Drill(Drilling::Peck)),
-        (840, G::Drill(Drilling::Tap)),
-        (850, G::Drill(Drilling::Ream)),
-        (860, G::Drill(Drilling::Bore)),
-        (890, G::Drill(Drilling::ReamDwell)),
-        (900, G::Incremental(false)),
-        (901, G::AbsoluteCentres(true)),
-        (910, G::Incremental(true)),
-        (911, G::AbsoluteCentres(false)),
-        (920, G::Once(Once::SetPosition)),
-        (921, G::Once(Once::ClearPosition)),
-        (922, G::NotYet("G92.2")),
-        (923, G::NotYet("G92.3")),
-        (930, G::Feed(FeedMode::InverseTime)),
-        (940, G::Feed(FeedMode::PerMinute)),
-        (950, G::Feed(FeedMode::PerRevolution)),
-        (960, G::SurfaceSpeed(true)),
-        (970, G::SurfaceSpeed(false)),
-        (980, G::ReturnToR(false)),
-        (990, G::ReturnToR(true)),
-    ],
-    m: &[
-        (0, M::Stop),
-        (1, M::OptionalStop),
-        (2, M::End),
-        (3, M::Clockwise),
-        (4, M::Counterclockwise),
-        (5, M::SpindleStop),
-        (6, M::ToolChange),
-        (7, M::Mist),
-        (8, M::Flood),
-        (9, M::CoolantOff),
-        (19, M::Orient),
-        (30, M::End),
-        (48, M::Harmless("override switches on")),
-        (49, M::Harmless("override switches off")),
-        (50, M::Harmless("feed override")),
-        (51, M::Harmless("spindle override")),
-        (60, M::Stop),
-    ],
-    macros: MacroRules {
-        unset_is_zero: true,
-        deepest_bracket: 30,
-        angles_from_zero: false,
-        floored: true,
-        fanuc_ranges: false,
-        compares: false,
-        digits: Digits::Double,
-        bad_arc_alarm: 0,
-        deepest_macro: 4,
-        deepest_subprogram: 10,
-        longest_name: 31,
-        printed_field_grows: false,
-    },
-    increment: [0.001, 0.0001],
-    rounds_words: false,
-    dwell_unit: 1.0,
-    dwell_point_too: true,
-    tool_change_after_motion: false,
-    message_comments: true,
-    length_of_the_tool: true,
-    machine_moves_at_feed: true,
-    peck_clearance: 0.254,
-    plane: Plane::Xy,
-    axes: MILL_AXES,
-    variable_axes: &[0, 1, 2],
-    letters: b"DFGHIJKLMNOPQRSTXYZ",
-    point_matters: false,
-    external_offset: false,
-    offsets_add: false,
-    raises_before_hole: true,
-    tolerance_word: true,
-    arc_turns: true,
-    offset_variables: &[],
-    series_15_variables: &[],
 };
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use crate::fault::Site;
 use crate::flow::{Frame, Loop, Repetition};
 use crate::interpreter::{Flow, Interpreter, Item};
 use crate::line::{Kind, Line, Reading};
-use crate::listing::{File, Kept, KeptLines, Place, Targets};
+use crate::listing::{File, Kept, KeptLines, Place, Targets, is_named};
 use crate::macro_b::Value;
 use crate::parameters::Parameters;
 use crate::profile::Profile;
@@ -40,8 +40,8 @@ pub struct Options {
     /// The T word's first pair chooses a lathe's tool geometry, the second only its wear (Fanuc parameter 5002.1, LGN=1); else the second
     /// pair chooses both.
     pub geometry_by_station: bool,
-    /// Where G30 goes; `None` when the machine has no such place.
-    pub second_reference: Option<Point<Machine>>,
+    /// Where G30, G30 P3 and G30 P4 go; `None` when the machine has no such place. Parameters 1241 to 1243 say it by axis: `1241/X`.
+    pub references: [Option<Point<Machine>>; 3],
     /// Fanuc parameter 6004.0 turned round: `Some(true)` is NAT=0, angles from 0 to 360. `None` is the family's default.
     pub angles_from_zero: Option<bool>,
     /// Control parameters.
@@ -52,6 +52,8 @@ pub struct Options {
     pub most_jumps_back: u64,
     /// Inches before the first G20 or G21.
     pub inches: bool,
+    /// The main program comes from a line and is not in the control's memory: its branches and loops are alarm 123.
+    pub by_line: bool,
     /// Takes down every move, printed line and stop for [`GcodeProgram::into_trace`].
     pub trace: bool,
 }
@@ -65,12 +67,13 @@ impl Default for Options {
             arc_tolerance: Millimetres(0.01),
             spindle_limit: Rpm(4000.0),
             geometry_by_station: false,
-            second_reference: None,
+            references: [None; 3],
             angles_from_zero: None,
             parameters: Parameters::default(),
             most_blocks_at_rest: 100_000_000,
             most_jumps_back: 100_000_000,
             inches: false,
+            by_line: false,
             trace: false,
         }
     }
@@ -247,7 +250,8 @@ impl GcodeProgram {
 
     /// O number of the program being executed and the sequence number executed last; 0 where there is none.
     pub fn place(&self) -> (u32, u32) {
-        (self.interpreter.program_number, self.interpreter.last_n)
+        let number = self.interpreter.program_number;
+        (if is_named(number) { 0 } else { number }, self.interpreter.last_n)
     }
 
     /// What was taken down on the way, with the variables as they stand; empty without [`Options::trace`].
@@ -656,7 +660,7 @@ pub(crate) fn leader(lines: &mut Lines) -> Result<(u64, u32), LineError> {
         }
         let is_block = match text {
             [] => false,
-            [b'(' | b'#' | b'/' | b'[', ..] => true,
+            [b'(' | b'#' | b'/' | b'[' | b'<', ..] => true,
             [letter, digit, ..] => letter.is_ascii_alphabetic() && (digit.is_ascii_digit() || *digit == b'.'),
             _ => false,
         };
@@ -684,6 +688,7 @@ fn header(lines: &mut Lines, start: Place, file: &str, reading: &Reading) -> Res
             Kind::Blank | Kind::TapeMark if line.number < HEADER_LINES => {}
             Kind::Words => {
                 return Ok(match (first.program, first.comment) {
+                    (Some((number, at)), _) if is_named(number) => characters(&text[at..]).trim().to_owned(),
                     (Some((number, _)), None) => format!("O{number:04}"),
                     (Some((number, _)), Some((from, to))) => format!("O{number:04} {}", characters(&text[from..to]).trim()),
                     (None, _) => file.to_owned(),

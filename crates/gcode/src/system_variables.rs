@@ -14,8 +14,8 @@ use crate::text::characters;
 use plan::{Missing, Question, RegisterChange, Severity, StepKind, StopKind};
 use units::ToolNumber;
 
-/// Largest size of an offset entry, mm and inch (Fanuc alarm 032 beyond).
-const LARGEST_OFFSET: [f64; 2] = [9999.999, 999.9999];
+/// Largest size of a work offset, mm and inch.
+const LARGEST_WORK_OFFSET: [f64; 2] = [99_999.999, 9999.9999];
 /// #3001 begins anew here, milliseconds.
 const TIMER_WRAP: f64 = 2_147_483_648.0;
 const AXES: [&str; 3] = ["X", "Y", "Z"];
@@ -44,8 +44,12 @@ impl Variables for Interpreter {
             .map(|(number, _)| *number)
     }
 
-    fn parameter(&self, number: u32, bit: Option<u8>, _axis: Option<u8>) -> f64 {
+    fn parameter(&self, number: u32, bit: Option<u8>, axis: Option<u8>) -> f64 {
+        let of_axis = axis
+            .and_then(|k| self.profile.variable_axes.get(usize::from(k.wrapping_sub(1))))
+            .and_then(|axis| self.settings.all.of_axis(number, *axis));
         match bit {
+            None if of_axis.is_some() => of_axis.unwrap_or_default(),
             Some(bit) => f64::from(self.settings.all.bit(number, bit.min(7)).unwrap_or(false)),
             None => self.settings.all.value(number),
         }
@@ -124,23 +128,17 @@ impl Interpreter {
             return Err(Refusal::illegal(number).at(at));
         }
         let increment = self.profile.increment[usize::from(self.inches)];
-        let check = |value: f64| {
-            let largest = LARGEST_OFFSET[usize::from(self.inches)];
-            if value.abs() <= largest {
-                return Ok(round_to(value, increment));
-            }
-            Err(Fault::new(
-                at,
-                32,
-                "offset-range",
-                format!("{value} is no offset: #{number} holds {largest} at most"),
-                "check the value before it is written",
-            ))
-        };
         if let Some((tool, register)) = self.register_of(number) {
             let value = match register {
                 Register::TipDirection => value,
-                _ => check(value)?,
+                Register::Wear(_) | Register::RadiusWear => {
+                    self.check_offset(value, self.largest_wear(), at)?;
+                    round_to(value, increment)
+                }
+                _ => {
+                    self.check_offset(value, self.largest_offset(), at)?;
+                    round_to(value, increment)
+                }
             };
             self.write_register(tool, register, value);
             return self.follow_tool_offset(tool);
@@ -148,7 +146,8 @@ impl Interpreter {
         if let Some((key, index)) = WorkKey::of_variable(number)
             && let Some(axis) = self.profile.variable_axes.get(index).copied()
         {
-            let mm = check(value)? * self.unit() * self.profile.factor(axis);
+            self.check_offset(value, LARGEST_WORK_OFFSET[usize::from(self.inches)], at)?;
+            let mm = round_to(value, increment) * self.unit() * self.profile.factor(axis);
             self.write_work_offset(key, axis, mm);
             self.follow_work_offsets();
             return Ok(());
@@ -162,7 +161,14 @@ impl Interpreter {
                 self.given.insert(number, value);
                 Ok(())
             }
-            1100..=1115 | 1132 | 1133 | 3003 | 3004 | 3005 | 3901 | 3902 => {
+            1132 => {
+                let bits = libm::round(value) as i64;
+                for k in 0..16 {
+                    self.write_system_variable(1100 + k, ((bits >> k) & 1) as f64, at)?;
+                }
+                Ok(())
+            }
+            1100..=1115 | 1133 | 3003 | 3004 | 3005 | 3901 | 3902 => {
                 let before = self.given.get(&number).copied().unwrap_or(0.0);
                 self.given.insert(number, value);
                 if before != value {
@@ -273,7 +279,7 @@ impl Interpreter {
     }
 
     /// Millimetres of an axis for each millimetre that an offset register says.
-    fn offset_factor(&self, axis: usize) -> f64 {
+    pub(crate) fn offset_factor(&self, axis: usize) -> f64 {
         if self.settings.radius_offsets {
             1.0
         } else {
@@ -311,13 +317,66 @@ impl Interpreter {
             3011 => Ok(date_of(self.asked_for("CLOCK_TIME")?)),
             3012 => Ok(time_of(self.asked_for("CLOCK_TIME")?)),
             3005 => Ok(if self.inches { 4.0 } else { 0.0 }),
-            3003 | 3004 | 3007 | 3008 | 3901 | 3902 | 1100..=1115 | 1132 | 1133 => Ok(0.0),
+            3003 | 3004 | 3007 | 3008 | 3901 | 3902 | 1100..=1115 | 1133 => Ok(0.0),
+            1132 => Ok(self.word_of(1100)),
             3100 => Ok(VACANT),
             3101 => Ok(std::f64::consts::PI),
             3102 => Ok(std::f64::consts::E),
+            1000..=1015 if self.given.contains_key(&1032) => {
+                let word = self.given.get(&1032).copied().unwrap_or_default();
+                Ok(((libm::round(word) as i64) >> (number - 1000) & 1) as f64)
+            }
+            1032 if self.given.range(1000..=1015).next().is_some() => Ok(self.word_of(1000)),
             1000..=1015 | 1032..=1035 => self.asked_for(&format!("PMC.INPUT.{number}")),
             _ => self.offset_variable(number),
         }
+    }
+
+    /// Sixteen signals from `first` on as the bits of one number.
+    fn word_of(&self, first: u32) -> f64 {
+        let on = |k: &u32| self.given.get(&(first + k)).is_some_and(|v| *v != 0.0);
+        (0..16).filter(on).map(|k| f64::from(1_u32 << k)).sum()
+    }
+
+    /// Largest geometry entry, in the program's unit.
+    pub(crate) fn largest_offset(&self) -> f64 {
+        self.profile.largest_offset[usize::from(self.inches)]
+    }
+
+    /// Largest wear entry: parameter 5013 may narrow it.
+    pub(crate) fn largest_wear(&self) -> f64 {
+        self.narrowed(self.settings.largest_wear)
+    }
+
+    /// Largest change of a wear entry by an incremental word: parameter 5014.
+    pub(crate) fn largest_wear_step(&self) -> f64 {
+        self.narrowed(self.settings.largest_wear_step)
+    }
+
+    fn narrowed(&self, parameter: f64) -> f64 {
+        let counted = match self.profile.limits_in_increments {
+            true => parameter * self.profile.increment[usize::from(self.inches)],
+            false => parameter,
+        };
+        match counted > 0.0 {
+            true => counted.min(self.largest_offset()),
+            false => self.largest_offset(),
+        }
+    }
+
+    /// Alarm 032 for what an offset cannot hold; both in the program's unit.
+    pub(crate) fn check_offset(&self, value: f64, largest: f64, at: usize) -> Outcome<()> {
+        // A millionth of a step is the dust of a sum of decimals.
+        if value.abs() <= largest + 1e-9 {
+            return Ok(());
+        }
+        Err(Fault::new(
+            at,
+            32,
+            "offset-range",
+            format!("{} is too large an offset: {largest} is the most here", cleaned(value)),
+            "check the value before it is written; parameters 5013 and 5014 limit wear",
+        ))
     }
 
     fn offset_variable(&self, number: u32) -> Result<f64, Refusal> {
@@ -395,7 +454,7 @@ impl Interpreter {
     }
 
     /// What the machine answered, in mm or seconds; asks it when it was not asked yet.
-    fn asked_for(&self, name: &str) -> Result<f64, Refusal> {
+    pub(crate) fn asked_for(&self, name: &str) -> Result<f64, Refusal> {
         match self.answers.get(name) {
             Some(value) => Ok(*value),
             None => Err(Refusal::asks(Question::Number(name.to_owned()))),
@@ -453,7 +512,7 @@ impl Interpreter {
             },
             4009 if mill => self.cycle.as_ref().map_or(80.0, |c| f64::from(c.code)),
             4010 if mill => either(self.return_to_r, 99.0, 98.0),
-            4011 if mill => 50.0,
+            4011 if mill => either(self.shaping.is_scaled(), 51.0, 50.0),
             4012 => either(self.modal.is_empty(), 67.0, 66.0),
             4013 if mill => either(self.surface.is_some(), 96.0, 97.0),
             4014 => match self.frame.key {
@@ -462,7 +521,9 @@ impl Interpreter {
             },
             4015 if mill => either(self.path_mode == plan::PathMode::ExactStop, 61.0, 64.0),
             4016 if !mill => f64::from(17 + self.plane as u8),
-            4016 => 69.0,
+            4016 => either(self.shaping.is_rotated(), 68.0, 69.0),
+            4017 if mill => either(self.shaping.is_polar(), 16.0, 15.0),
+            4022 if mill => either(self.shaping.is_mirrored(), 51.1, 50.1),
             4107 => f64::from(self.d),
             4108 | 4102 => 0.0,
             4109 => self.feed.map_or(0.0, |f| match self.feed_mode {

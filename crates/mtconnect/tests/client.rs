@@ -325,6 +325,44 @@ fn what_waited_in_the_line_while_nobody_looked_is_a_sign_of_life() {
     assert_eq!((line.client.counters().cuts, line.client.trouble()), (0, None));
 }
 
+#[test]
+fn what_a_chase_skipped_is_asked_for_when_the_agent_has_gone_quiet() {
+    let mut line = Line::to("http://a:5000", None);
+    line.begun(7, 1, 5);
+    line.stream();
+    line.part(&streams(7, 1, 5, &[1, 2, 3, 4]));
+    line.client.closed(line.now, "reset");
+    line.request();
+    for newest in (1000..).step_by(1000).take(12) {
+        line.answer(&error("OUT_OF_RANGE"));
+        line.request();
+        line.answer(&streams(7, newest - 49, newest + 1, &[]));
+        line.request();
+    }
+    assert!(
+        line.asked.last().expect("a request").contains("from=12001&"),
+        "{:?}",
+        line.asked
+    );
+    // A sign of life without an observation, and the buffer is as it was.
+    line.stream();
+    line.part(&streams(7, 11_951, 12_001, &[]));
+    assert!(line.request().contains("from=11951&"));
+    line.stream();
+    let all: Vec<u64> = (11_951..=12_000).collect();
+    line.part(&streams(7, 11_951, 12_001, &all));
+    let seen = line.seen.replace("agent 7\n", "");
+    assert!(
+        seen.starts_with("1 2 3 4\ngap overrun of 7: 5 to Some(11950)\n11951 11952 "),
+        "{seen}"
+    );
+    line.part(&streams(7, 11_951, 12_001, &[]));
+    assert!(
+        matches!(line.client.action(line.now), Action::Receive(_)),
+        "nothing is left to look back at"
+    );
+}
+
 /// 500 slots, a thousand observations a second, and a tenth of a second from `current` to `sample`.
 #[test]
 fn a_buffer_that_moves_on_faster_than_it_is_asked_for_is_caught_further_back() {

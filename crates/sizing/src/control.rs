@@ -10,14 +10,18 @@
 //! name_length = 8                # of a variable's name
 //! wear_x = 2000                  # system variable of wear X of offset 0; offset 5 is 2005
 //! wear_z = 2100
+//! wear_radius = 2200             # of the nose; on a mill of D
 //! offsets = 64
 //! secondary = 20                 # sizes for offset 5 are typed into offset 25 (method g65)
 //! prints = true                  # DPRNT has a device to print to
+//! mill = false                   # true: T names a tool and not station and offset
+//! parameters = { "6000.3" = 1 }   # settings of the control that the proof runs with
 //! ```
 
-use crate::Column;
+use crate::{Column, Dimension};
 use plan::Diagnostic;
 use serde::Deserialize;
+use std::collections::BTreeMap;
 use units::Axis;
 
 /// A control that macro programs are generated for.
@@ -34,42 +38,90 @@ pub struct Control {
     pub job_variable: u32,
     /// Longest name of a variable.
     pub name_length: usize,
-    /// System variable of wear X of offset 0.
-    pub wear_x: u32,
-    /// System variable of wear Z of offset 0.
-    pub wear_z: u32,
+    /// System variable of wear X of offset 0; a mill has none.
+    pub wear_x: Option<u32>,
+    /// System variable of wear Z of offset 0; on a mill of H.
+    pub wear_z: Option<u32>,
     /// System variable of wear Y of offset 0, where the lathe has a Y axis.
     pub wear_y: Option<u32>,
+    /// System variable of the wear of the radius of offset 0: of the nose, or of a mill's D.
+    pub wear_radius: Option<u32>,
     /// How many offsets it has.
     pub offsets: u32,
     /// Sizes are typed into the offset with a number larger by this (method g65).
     pub secondary: u32,
     /// True when DPRNT has a device to print to: without one POPEN is an alarm.
     pub prints: bool,
+    /// On a mill T names a tool; on a lathe its last two digits are the offset.
+    #[serde(default)]
+    pub mill: bool,
+    /// Parameters that the proof runs with, by number or number and bit.
+    #[serde(default)]
+    pub parameters: BTreeMap<String, i64>,
 }
 
 impl Control {
     /// The controls that need no file.
-    pub fn built_in() -> [Control; 3] {
-        let fanuc = |name: &str, kept, name_length| Control {
+    pub fn built_in() -> [Control; 7] {
+        let lathe = |name: &str, kept| Control {
             name: name.to_owned(),
             dialect: "fanuc-lathe".to_owned(),
             kept,
             job_variable: 140,
-            name_length,
-            wear_x: 2000,
-            wear_z: 2100,
+            name_length: 8,
+            wear_x: Some(2000),
+            wear_z: Some(2100),
             wear_y: Some(2400),
+            wear_radius: Some(2200),
             offsets: 64,
             secondary: 20,
             prints: true,
+            mill: false,
+            parameters: BTreeMap::new(),
+        };
+        let mill = |name: &str, wear_z, wear_radius| Control {
+            dialect: "fanuc-mill".to_owned(),
+            wear_x: None,
+            wear_y: None,
+            wear_z: Some(wear_z),
+            wear_radius: Some(wear_radius),
+            offsets: 200,
+            secondary: 50,
+            mill: true,
+            ..lathe(name, [500, 999])
         };
         [
             // 16i, 18i, 21i and 0i with the option of more common variables.
-            fanuc("fanuc-lathe", [500, 999], 8),
+            lathe("fanuc-lathe", [500, 999]),
             // The same without it.
-            fanuc("fanuc-lathe-base", [500, 531], 8),
-            fanuc("fanuc-30i-lathe", [500, 999], 31),
+            lathe("fanuc-lathe-base", [500, 531]),
+            // More than 64 offsets; two digits of a T word reach 99 of them.
+            Control {
+                dialect: "fanuc-30i-lathe".to_owned(),
+                name_length: 31,
+                wear_x: Some(10_000),
+                wear_z: Some(11_000),
+                wear_y: Some(14_000),
+                wear_radius: Some(12_000),
+                offsets: 999,
+                secondary: 100,
+                ..lathe("fanuc-30i-lathe", [500, 999])
+            },
+            // Offset memory C: H and D have wear of their own.
+            mill("fanuc-mill", 2000, 12_000),
+            // Offset memories A and B: H and D are numbers in one table.
+            mill("fanuc-mill-a", 2000, 2000),
+            // Parameter 6000.3 (V15): geometry and wear change places.
+            Control {
+                parameters: BTreeMap::from([("6000.3".to_owned(), 1)]),
+                ..mill("fanuc-mill-series-15", 2200, 2600)
+            },
+            Control {
+                dialect: "fanuc-30i-mill".to_owned(),
+                name_length: 31,
+                offsets: 400,
+                ..mill("fanuc-30i-mill", 10_000, 12_000)
+            },
         ]
     }
 
@@ -114,11 +166,21 @@ impl Control {
     /// The system variable of a register of offset 0; `None` when this control has none that a macro may write.
     pub fn base_of(&self, column: Column) -> Option<u32> {
         match column {
-            Column::Wear(Axis::X) => Some(self.wear_x),
-            Column::Wear(Axis::Z) => Some(self.wear_z),
+            Column::Wear(Axis::X) => self.wear_x,
+            Column::Wear(Axis::Z) => self.wear_z,
             Column::Wear(Axis::Y) => self.wear_y,
-            Column::CutterRadius => None,
+            Column::CutterRadius => self.wear_radius,
         }
+    }
+
+    /// The system variable of a dimension's register.
+    pub fn register_of(&self, dimension: &Dimension) -> Option<u32> {
+        Some(self.base_of(dimension.column)? + dimension.offset)
+    }
+
+    /// What a T word says of a dimension: the tool on a mill, the offset on a lathe.
+    pub fn called_by(&self, dimension: &Dimension) -> u32 {
+        if self.mill { dimension.tool.0 } else { dimension.offset }
     }
 }
 

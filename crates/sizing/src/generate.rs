@@ -9,8 +9,11 @@
 //! limited and in whole steps of the register, with the dimension's own sign and factor. The offset number is the last two digits of the T
 //! word. The set-up writes its job's number last, and a program of another job stops.
 //!
-//! What is not generated is refused: a dimension by a mean, by the cutter's radius, or whose window holds 0, which is the control's word
-//! for nothing entered. Read on: [`t_word`] and [`call`] for the programs, [`layout`] for their variables, [`insert`] for changing a
+//! Sizes that move one register by their mean wait for each other: the register moves when all of them are entered, once. On a mill a T
+//! word names a tool; the registers are the wear of H and D.
+//!
+//! What is not generated is refused: a register that the control has no variable for, two registers that are one on the control, or a
+//! window that holds 0, which is the control's word for nothing entered. Read on: [`t_word`] and [`call`] for the programs, [`layout`] for their variables, [`insert`] for changing a
 //! program. That they do what [`crate::enter`] does is proven in `cell::proof`.
 
 pub mod call;
@@ -147,12 +150,12 @@ pub enum GenerateError {
 /// # Errors
 /// A dimension cannot be done there, or the control has too few variables.
 pub fn generate(job: &Job, control: &Control, method: Method, end: SetupEnd) -> Result<Generated, GenerateError> {
-    let dimensions: Vec<Dimension> = job.dimensions.iter().filter(|d| d.role != Role::Watch).cloned().collect();
+    let dimensions = in_groups(&job.dimensions);
     if dimensions.is_empty() {
         return Err(GenerateError::Nothing(job.name.clone()));
     }
-    for dimension in &dimensions {
-        possible(dimension, &dimensions, control, method).map_err(|what| GenerateError::Dimension {
+    for (index, dimension) in dimensions.iter().enumerate() {
+        possible(index, &dimensions, control, method).map_err(|what| GenerateError::Dimension {
             name: dimension.name.clone(),
             what,
         })?;
@@ -182,37 +185,83 @@ pub fn generate(job: &Job, control: &Control, method: Method, end: SetupEnd) -> 
     })
 }
 
-fn possible(dimension: &Dimension, all: &[Dimension], control: &Control, method: Method) -> Result<(), String> {
-    let Some(_) = control.base_of(dimension.column) else {
+/// The dimensions that move registers; those that share one stand together.
+fn in_groups(all: &[Dimension]) -> Vec<Dimension> {
+    let mut ordered: Vec<Dimension> = Vec::new();
+    for dimension in all.iter().filter(|d| d.role != Role::Watch) {
+        let behind = ordered.iter().rposition(|d| d.register == dimension.register);
+        ordered.insert(behind.map_or(ordered.len(), |at| at + 1), dimension.clone());
+    }
+    ordered
+}
+
+/// Largest offset that a control of three digits before the point takes: 999.999 mm, 99.9999 inch.
+fn largest_entry(unit: Unit) -> Millimetres {
+    match unit {
+        Unit::Mm => Millimetres(999.999),
+        Unit::Inch => Unit::Inch.length(99.9999),
+    }
+}
+
+fn possible(index: usize, all: &[Dimension], control: &Control, method: Method) -> Result<(), String> {
+    let dimension = &all[index];
+    let Some(register) = control.register_of(dimension) else {
         return Err(format!(
             "{} knows no variable for {} that a macro may write",
             control.name, dimension.column
         ));
     };
-    if dimension.role == Role::Mean {
-        return Err(
-            "a mean of several sizes needs all of them at once, which a control does not have: let one control the offset \
-                    and mark the others `watch`"
-                .to_owned(),
-        );
-    }
     if dimension.window.0.0 <= 0.0 && dimension.window.1.0 >= 0.0 {
         return Err("its entry window holds 0, which is the control's word for nothing entered".to_owned());
     }
     if dimension.increment != all[0].increment {
         return Err(format!("its finest step is not that of {:?}: a control has one", all[0].name));
     }
-    // The offset is the last two digits of the T word.
-    let last = control.offsets.min(99);
+    // On a lathe the offset is the last two digits of the T word.
+    let last = if control.mill {
+        control.offsets
+    } else {
+        control.offsets.min(99)
+    };
     if dimension.offset > last {
         return Err(format!("{} has offsets 1 to {last}, not {}", control.name, dimension.offset));
     }
-    let secondary = dimension.offset + control.secondary;
-    if method == Method::G65 && (secondary > control.offsets || all.iter().any(|d| d.offset == secondary)) {
+    if control.mill && dimension.tool.0 == 0 {
+        return Err("there is no tool 0 that a T word could call".to_owned());
+    }
+    for other in &all[..index] {
+        let same = other.register == dimension.register;
+        if !same && control.register_of(other) == Some(register) {
+            return Err(format!(
+                "{} keeps {} and {} of offset {} in one place, #{register}, which {:?} moves too: give it another offset number",
+                control.name, dimension.column, other.column, dimension.offset, other.name
+            ));
+        }
+        if same && (other.largest_step != dimension.largest_step || control.called_by(other) != control.called_by(dimension)) {
+            return Err(format!(
+                "it moves {} by a mean with {:?}: both need the same tool and the same largest_step",
+                dimension.register, other.name
+            ));
+        }
+    }
+    if method == Method::TWord {
+        return Ok(());
+    }
+    let secondary = call::entry_offset(all, index, control);
+    let place = call::entry_variable(all, index, control);
+    let taken =
+        |k: usize| control.register_of(&all[k]) == Some(place) || k < index && call::entry_variable(all, k, control) == place;
+    if secondary > control.offsets || (0..all.len()).any(taken) {
         return Err(format!(
             "its sizes would be typed into offset {secondary}, which {} does not have or this job uses: set `secondary` in the \
              control's profile",
             control.name
+        ));
+    }
+    if dimension.window.1 > largest_entry(dimension.unit) || dimension.window.0 < -largest_entry(dimension.unit) {
+        return Err(format!(
+            "its sizes would be typed into an offset, which holds {} at most: use the method t-word",
+            dimension.unit.words(largest_entry(dimension.unit))
         ));
     }
     Ok(())
@@ -268,8 +317,8 @@ pub fn unit_code(unit: Unit) -> u32 {
 }
 
 /// The line that a DPRNT device gets for each entry that was used.
-fn printed(job: &str, dimension: &str, offset: &str, size: &str, from: &str, by: &str, count: &str) -> String {
-    format!("DPRNT[SIZE*JOB{job}[40]*DIM{dimension}[20]*OFS{offset}[20]*IS{size}[35]*FROM{from}[35]*BY{by}[35]*N{count}[50]]")
+fn printed(job: &str, dimension: &str, called: &str, size: &str, from: &str, by: &str, count: &str) -> String {
+    format!("DPRNT[SIZE*JOB{job}[40]*DIM{dimension}[20]*{called}[20]*IS{size}[35]*FROM{from}[35]*BY{by}[35]*N{count}[50]]")
 }
 
 #[cfg(test)]
@@ -296,11 +345,40 @@ mod tests {
     fn what_a_control_cannot_do_is_refused() {
         use Method::{G65, TWord};
         check_refused(|j, _| j.dimensions[0].role = Role::Watch, TWord, "nothing to generate");
-        check_refused(|j, _| j.dimensions[0].role = Role::Mean, TWord, "a mean of several sizes");
         check_refused(
-            |j, _| j.dimensions[0].column = crate::Column::CutterRadius,
+            |j, c| {
+                j.dimensions[0].column = crate::Column::CutterRadius;
+                c.wear_radius = None;
+            },
             TWord,
             "no variable for wear of the radius",
+        );
+        check_refused(
+            |j, c| {
+                let mut length = j.dimensions[0].clone();
+                length.column = crate::Column::Wear(units::Axis::Z);
+                length.register = "mill/tool/5/wear/z_mm".into();
+                j.dimensions[0].column = crate::Column::CutterRadius;
+                j.dimensions.push(length);
+                *c = Control::find("fanuc-mill-a").expect("built in");
+            },
+            TWord,
+            "in one place, #2005",
+        );
+        check_refused(
+            |j, _| {
+                let mut other = j.dimensions[0].clone();
+                (other.name, other.role, other.largest_step) = ("DIM B".into(), Role::Mean, Millimetres(9.0));
+                j.dimensions[0].role = Role::Mean;
+                j.dimensions.push(other);
+            },
+            TWord,
+            "same largest_step",
+        );
+        check_refused(
+            |j, _| j.dimensions[0].window.1 = crate::Unit::Inch.length(120.0),
+            G65,
+            "use the method t-word",
         );
         check_refused(|j, _| j.dimensions[0].window.0 = Millimetres(-1.0), TWord, "holds 0");
         check_refused(|j, _| j.dimensions[0].offset = 65, TWord, "offsets 1 to 64, not 65");
@@ -317,6 +395,7 @@ mod tests {
         let (one, mut two) = (published(), published());
         let mut second = two.dimensions[0].clone();
         (second.name, second.offset, second.column) = ("DIM B".into(), 7, crate::Column::Wear(units::Axis::Z));
+        second.register = "lathe/tool/7/wear/z_mm".into();
         two.dimensions.push(second);
         let control = Control::built_in()[0].clone();
         for method in [Method::TWord, Method::G65] {

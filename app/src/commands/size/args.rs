@@ -103,7 +103,8 @@ pub enum MethodName {
 /// `toolmark size generate`
 #[derive(Debug, Args)]
 pub struct GenerateArgs {
-    /// The control: fanuc-lathe, fanuc-lathe-base, fanuc-30i-lathe, or a profile of your own (TOML).
+    /// The control: fanuc-lathe, fanuc-lathe-base, fanuc-30i-lathe, fanuc-mill, fanuc-mill-a (offset memories A and B),
+    /// fanuc-mill-series-15, fanuc-30i-mill, or a profile of your own (TOML).
     #[arg(long, value_name = "PROFILE")]
     pub control: String,
     /// Where the programs and their proof go.
@@ -130,7 +131,7 @@ pub struct StudyArgs {
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// How many seeds, from --seed on.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
     pub seeds: u32,
     /// How many parts.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]

@@ -14,12 +14,27 @@ use sizing::control::Control;
 use sizing::generate::{Generated, Method, SetupEnd, call, insert, t_word};
 use std::collections::BTreeMap;
 use std::path::Path;
+use store::MachineFile;
+use store::machine_file::MachineKind as KindOfMachine;
 
 /// Runs the command.
 pub(super) fn generate(args: &GenerateArgs, common: &Common) -> Done {
     let control = control(&args.control)?;
     let directory = shop::data_directory(common)?;
     let bench = Bench::open(&directory, common)?;
+    if let Some(turns) = turns(&bench, common)?
+        && turns == control.mill
+    {
+        let kind = |turns: bool| if turns { "lathe" } else { "mill" };
+        return Err(Failure::usage(format_args!(
+            "job {} is for {}, a {}, and {} is the control of a {}: choose another --control",
+            bench.job.name,
+            bench.kept.machine,
+            kind(turns),
+            control.name,
+            kind(!control.mill)
+        )));
+    }
     let method = match args.method {
         MethodName::TWord => Method::TWord,
         MethodName::G65 => Method::G65,
@@ -91,7 +106,10 @@ pub(super) fn generate(args: &GenerateArgs, common: &Common) -> Done {
         for (k, dimension) in (1..).zip(&generated.dimensions) {
             let place = match method {
                 Method::TWord => format!("#{}", generated.layout.entry + k),
-                Method::G65 => format!("{} of offset {}", dimension.column, dimension.offset + control.secondary),
+                Method::G65 => {
+                    let offset = call::entry_offset(&generated.dimensions, k as usize - 1, &control);
+                    format!("{} of offset {offset}", dimension.column)
+                }
             };
             say(&format!("  {} is entered in {place}", dimension.name));
         }
@@ -100,6 +118,16 @@ pub(super) fn generate(args: &GenerateArgs, common: &Common) -> Done {
         }
     }
     Ok(Exit::Good)
+}
+
+/// Whether the machine of the job turns, where that is known: by its file, or by its name when it is simulated.
+fn turns(bench: &Bench, common: &Common) -> Result<Option<bool>, Failure> {
+    let named = crate::program::named_machine(&common.machine)?.filter(|m| m.name == bench.kept.machine);
+    let simulated = || {
+        let kinds = [KindOfMachine::Lathe, KindOfMachine::Mill].into_iter();
+        kinds.map(MachineFile::simulated).find(|m| m.name == bench.kept.machine)
+    };
+    Ok(named.or_else(simulated).map(|m| m.kind == KindOfMachine::Lathe))
 }
 
 /// A built-in control, or a profile of the person's own.
@@ -117,10 +145,12 @@ fn control(wanted: &str) -> Result<Control, Failure> {
     }
     let text = std::fs::read_to_string(path).map_err(|e| Failure::unreadable(format_args!("{wanted}: {e}")))?;
     let control = Control::parse(&text, wanted).map_err(|e| Failure::unreadable_diagnostic(&e))?;
-    if gcode::profile::by_name(&control.dialect).is_none_or(|p| !p.turning) {
+    if gcode::profile::by_name(&control.dialect).is_none_or(|p| p.turning == control.mill) {
         return Err(Failure::unreadable(format_args!(
-            "{wanted}: dialect {:?} is no lathe's that is known here: fanuc-lathe",
-            control.dialect
+            "{wanted}: dialect {:?} is no {}'s that is known here: {}",
+            control.dialect,
+            if control.mill { "mill" } else { "lathe" },
+            if control.mill { "fanuc-mill" } else { "fanuc-lathe" }
         )));
     }
     Ok(control)
@@ -130,14 +160,19 @@ fn control(wanted: &str) -> Result<Control, Failure> {
 fn to_insert(generated: &Generated, control: &Control) -> String {
     match generated.method {
         Method::TWord => format!(
-            "At the head of the part program, before its first block:\n{}\n",
-            t_word::job_line(control, generated.job)
+            "At the head of the part program, before its first block:\n{}\n{}",
+            t_word::job_line(control, generated.job),
+            match control.mill {
+                true => "T in a block of its own before M6: a T word calls behind the other words of its block.\n",
+                false => "",
+            }
         ),
         Method::G65 => {
             let mut text = String::from("In the part program, each before the turret index of its offset:\n");
             for (k, dimension) in (1..).zip(&generated.dimensions) {
-                let line = call::call(k, dimension, generated.job, control);
-                text.push_str(&format!("before T..{:02}: {line}\n", dimension.offset));
+                let line = call::call(k, &generated.dimensions, generated.job, control);
+                let blanks = if control.mill { "" } else { ".." };
+                text.push_str(&format!("before T{blanks}{:02}: {line}\n", control.called_by(dimension)));
             }
             text
         }
@@ -155,7 +190,10 @@ fn same_run(given: &str, changed: &str, generated: &Generated, control: &Control
         interpret(
             &text,
             &Setup {
-                machine: MachineKind::Lathe,
+                machine: match control.mill {
+                    true => MachineKind::Mill,
+                    false => MachineKind::Lathe,
+                },
                 units: match generated.unit {
                     Unit::Mm => gcode::interpretation::Unit::Mm,
                     Unit::Inch => gcode::interpretation::Unit::Inch,

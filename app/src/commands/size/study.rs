@@ -27,17 +27,18 @@ use store::MachineFile;
 use store::machine_file::MachineKind;
 use units::{Millimetres, Seconds, Timestamp, ToolNumber};
 
-/// The job of the study, as a person would write it: 39.950 to 39.975, everything else left to the house.
+/// The job of the study, as a person would write it: 39.950 to 39.975, aimed at where scatter leaves room below and wear uses the rest.
 const JOB: &str = "name = \"STUDY\"\nnumber = 40\nunit = \"mm\"\n[[dimension]]\nname = \"SEAT D40\"\nkind = \"outside diameter\"\n\
-                   nominal = 40\ntolerance = [-0.050, -0.025]\ntool = 3\nevery = 5\n";
+                   nominal = 40\ntolerance = [-0.050, -0.025]\n\
+                   target = 39.959\ntool = 3\nevery = 5\n";
 /// The diameter that the program asks for; the job's own target.
-const PROGRAMMED: f64 = 39.956;
-const PROGRAM: &str = "%\nO40(SEAT D40)\nG21 G18 G40 G99\nG50 S3000\nT0303\nG97 S2400 M3\nG0 X42. Z1.\nX39.956\nG1 Z-6. F0.3\nU1.\nG0 Z1.\nM5\nM30\n%\n";
+const PROGRAMMED: f64 = 39.959;
+const PROGRAM: &str = "%\nO40(SEAT D40)\nG21 G18 G40 G99\nG50 S3000\nT0303\nG97 S2400 M3\nG0 X42. Z1.\nX39.959\nG1 Z-6. F0.3\nU1.\nG0 Z1.\nM5\nM30\n%\n";
 /// Wear on the diameter for each part: it uses up what is left of the tolerance by part 40.
 const WEAR_PER_PART: f64 = 0.00055;
-/// Scatter of the process from part to part, rms on the diameter, and of the gauge: together above a twentieth of the tolerance.
-const PROCESS_SCATTER: f64 = 0.0008;
-const GAUGE_SCATTER: f64 = 0.00125;
+/// Scatter of the process from part to part, rms on the diameter: a twentieth of the tolerance. The gauge's comes on top.
+const PROCESS_SCATTER: f64 = 0.00125;
+const GAUGE_SCATTER: f64 = 0.0005;
 /// The part whose size is mistyped, with two digits exchanged.
 const MISTYPED: u32 = 45;
 

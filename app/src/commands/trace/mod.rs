@@ -117,7 +117,10 @@ impl Found {
 }
 
 /// The job that a person names: by number, or the last one.
-fn find(directory: &DataDirectory, name: &str) -> Result<Found, Failure> {
+///
+/// # Errors
+/// There is no such job, or the data directory cannot be read.
+pub fn job_named(directory: &DataDirectory, name: &str) -> Result<Job, Failure> {
     let jobs = directory.jobs().map_err(shop::failure)?;
     let known = match (jobs.first(), jobs.last()) {
         (Some(first), Some(last)) => format!("the data directory holds jobs {} to {}", first.id, last.id),
@@ -133,7 +136,11 @@ fn find(directory: &DataDirectory, name: &str) -> Result<Found, Failure> {
         }
     };
     let job = wanted.and_then(|id| jobs.into_iter().find(|job| job.id == id));
-    let job = job.ok_or_else(|| Failure::usage(format_args!("there is no job {name}; {known}: toolmark trace list")))?;
+    job.ok_or_else(|| Failure::usage(format_args!("there is no job {name}; {known}: toolmark trace list")))
+}
+
+fn find(directory: &DataDirectory, name: &str) -> Result<Found, Failure> {
+    let job = job_named(directory, name)?;
     Everything::of(directory)?.with(directory, job)
 }
 

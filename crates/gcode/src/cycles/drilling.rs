@@ -147,7 +147,12 @@ impl Interpreter {
             };
             return Err(Fault::new(at, 45, "word-missing", format!("{name} without Q"), what));
         }
-        if cycle.peck > 0.0 && matches!(cycle.kind, Drilling::Peck | Drilling::ChipBreak) {
+        if cycle.peck > 0.0
+            && matches!(
+                cycle.kind,
+                Drilling::Peck | Drilling::ChipBreak | Drilling::Tap | Drilling::LeftTap
+            )
+        {
             let deep = (r - bottom).abs();
             if deep / cycle.peck * 3.0 > MOST_ITEMS as f64 || bottom + cycle.peck == bottom || r - cycle.peck == r {
                 return Err(Fault::new(
@@ -174,6 +179,15 @@ impl Interpreter {
         } else {
             cycle.initial.max(r)
         };
+        if self.shaping.is_scaled() && self.shaping.way([1.0; 3])[c] != 1.0 {
+            return Err(Fault::not_there_yet(at, "a drilling cycle with a scale along its own axis"));
+        }
+        if self.shaping.is_polar() && self.incremental && count > 1 {
+            return Err(Fault::not_there_yet(
+                at,
+                "K with incremental polar coordinates, holes on a circle in one block,",
+            ));
+        }
         let place = self.places(c, block, site)?;
         let step = std::array::from_fn(|k| if self.incremental { place[k] - self.tip[k] } else { 0.0 });
         self.begin_expansion(Holes {
@@ -192,14 +206,12 @@ impl Interpreter {
 
     /// Where the block's words for the plane point; the drilling axis stays.
     fn places(&mut self, c: usize, block: &mut Block, site: Site<'_>) -> Outcome<[f64; 3]> {
-        let mut to = self.tip;
-        for word in self.profile.axes.iter().filter(|w| w.axis != c) {
-            if let Some(w) = block.take(word.letter) {
-                let value = self.length(word.letter, w, site) * word.factor;
-                let adds = word.incremental.unwrap_or(self.incremental);
-                to[word.axis] = if adds { self.tip[word.axis] + value } else { value };
-            }
+        let said = self.said(block, site, Some(c))?;
+        if said == [None; 3] {
+            return Ok(self.tip);
         }
+        let mut to = self.place_of(said);
+        to[c] = self.tip[c];
         Ok(to)
     }
 
@@ -295,6 +307,7 @@ impl Holes {
         }
         match self.cycle.kind {
             Drilling::Peck | Drilling::ChipBreak if self.cycle.peck > 0.0 => self.pecks(i),
+            Drilling::Tap | Drilling::LeftTap if self.cycle.peck > 0.0 => self.tap_in_pecks(i, [down, up]),
             _ => i.along(c, self.bottom, down),
         }
         let turning = i.profile.turning;
@@ -377,6 +390,35 @@ impl Holes {
     fn back_in_place(&self, i: &mut Interpreter) {
         let a = i.plane.axes()[0];
         i.along(a, self.place[a], Speed::Rapid);
+    }
+
+    /// G84 and G74 with Q: the spindle turns back after each peck, and out to R (parameter 5200.5 PCP=1) or a little (PCP=0).
+    fn tap_in_pecks(&self, i: &mut Interpreter, [down, up]: [Speed; 2]) {
+        let c = self.cycle.axis;
+        let way = if self.bottom < self.r { -1.0 } else { 1.0 };
+        let whole = i.settings.all.bit(5200, 5).unwrap_or(false);
+        let clearance = i.profile.peck_clearance.min(self.cycle.peck);
+        let forth = i.turning;
+        let back = match forth {
+            Turning::Clockwise => Turning::Counterclockwise,
+            _ => Turning::Clockwise,
+        };
+        let mut reached = self.r;
+        let mut speed = down;
+        loop {
+            let next = reached + way * self.cycle.peck;
+            let last = (next - self.bottom) * way >= 0.0;
+            reached = if last { self.bottom } else { next };
+            i.along(c, reached, speed);
+            if last {
+                return;
+            }
+            i.turn(back);
+            i.along(c, if whole { self.r } else { reached - way * clearance }, up);
+            i.turn(forth);
+            // From R it begins at the index mark again; inside the thread it goes on in it.
+            speed = if whole { down } else { up };
+        }
     }
 
     /// Down in pecks: out to R after each (G83), or back a little (G73).

@@ -135,6 +135,8 @@ pub struct Client {
     out_of_range: (u64, u32),
     /// How often in a row the buffer's beginning was gone when it was asked for.
     chases: u32,
+    /// What such a chase skipped was asked for once: the buffer may move on by what we do not record.
+    looked_back: bool,
     buffer_size: u64,
     /// Time of the newest observation of each data item.
     newest: Vec<Timestamp>,
@@ -210,6 +212,7 @@ impl Client {
             broken: (0, 0),
             out_of_range: (0, 0),
             chases: 0,
+            looked_back: false,
             buffer_size: 0,
             newest: Vec::new(),
         }
@@ -546,7 +549,11 @@ impl Client {
                     self.ask = Ask::Current;
                     return After::Ask;
                 }
+                let is_quiet = told.is_empty();
                 self.observed(&header, told);
+                if is_quiet && self.looks_back(&header) {
+                    return After::Ask;
+                }
                 After::GoOn
             }
             (ask, _) => After::Failed(format!("the answer to {ask:?} is a document of another kind")),

@@ -30,7 +30,18 @@ fn job_line(program: &str, generated: &Generated, control: &Control) -> Result<S
             out.push_str(line_end(line));
             done = true;
         }
-        out.push_str(line);
+        // A T word calls behind the other words of its block: M6 in the same block would change before the tool is named.
+        match block.tool_and_rest().filter(|_| control.mill) {
+            Some((tool, rest)) => {
+                out.push_str(block.skip);
+                out.push_str(block.label);
+                out.push_str(&tool);
+                out.push_str(line_end(line));
+                out.push_str(block.skip);
+                out.push_str(&rest);
+            }
+            None => out.push_str(line),
+        }
     }
     if done {
         Ok(out)
@@ -47,7 +58,7 @@ fn calls(program: &str, generated: &Generated, control: &Control) -> Result<Stri
     let mut called = vec![false; generated.dimensions.len()];
     for (number, line) in (1..).zip(program.split_inclusive('\n')) {
         let block = Block::of(line);
-        let offset = match block.tool() {
+        let called_as = match block.tool(control.mill) {
             ToolWord::None => {
                 out.push_str(line);
                 continue;
@@ -58,19 +69,26 @@ fn calls(program: &str, generated: &Generated, control: &Control) -> Result<Stri
                     "this T word is computed, so its offset is not known here: use the method t-word",
                 );
             }
-            ToolWord::Offset(offset) => offset,
+            ToolWord::Called(number) => number,
         };
-        if generated.dimensions.iter().any(|d| d.offset + control.secondary == offset) {
-            let what =
-                format!("offset {offset} is in use, and sizes are to be typed into it: set `secondary` in the control's profile");
+        let secondary = |k: usize| call::entry_offset(&generated.dimensions, k, control) == called_as;
+        if !control.mill && (0..generated.dimensions.len()).any(secondary) {
+            let what = format!(
+                "offset {called_as} is in use, and sizes are to be typed into it: set `secondary` in the control's profile"
+            );
             return refuse(number, &what);
         }
         let mut label = block.label;
-        for (k, dimension) in generated.dimensions.iter().enumerate().filter(|(_, d)| d.offset == offset) {
+        for (k, _) in generated
+            .dimensions
+            .iter()
+            .enumerate()
+            .filter(|(_, d)| control.called_by(d) == called_as)
+        {
             called[k] = true;
             out.push_str(block.skip);
             out.push_str(std::mem::take(&mut label));
-            out.push_str(&call::call(k + 1, dimension, generated.job, control));
+            out.push_str(&call::call(k + 1, &generated.dimensions, generated.job, control));
             out.push_str(line_end(line));
         }
         if label.is_empty() {
@@ -82,8 +100,10 @@ fn calls(program: &str, generated: &Generated, control: &Control) -> Result<Stri
     }
     match generated.dimensions.iter().zip(&called).find(|(_, called)| !**called) {
         Some((missing, _)) => Err(GenerateError::Program(format!(
-            "the program never calls offset {}, so dimension {:?} would not be sized",
-            missing.offset, missing.name
+            "the program never calls {} {}, so dimension {:?} would not be sized",
+            if control.mill { "tool" } else { "offset" },
+            control.called_by(missing),
+            missing.name
         ))),
         None => Ok(out),
     }
@@ -101,6 +121,8 @@ struct Block<'a> {
     label: &'a str,
     /// The rest without comments.
     words: String,
+    /// The rest as it is.
+    rest: &'a str,
     /// An O number or `:`.
     is_program_start: bool,
 }
@@ -108,7 +130,8 @@ struct Block<'a> {
 enum ToolWord {
     None,
     Computed,
-    Offset(u32),
+    /// The offset on a lathe, the tool on a mill.
+    Called(u32),
 }
 
 impl<'a> Block<'a> {
@@ -142,12 +165,36 @@ impl<'a> Block<'a> {
             skip,
             label,
             words,
+            rest,
             is_program_start,
         }
     }
 
-    /// The offset of a T word that indexes the turret: its last two digits.
-    fn tool(&self) -> ToolWord {
+    /// The T word of a block that holds more, and the block without it.
+    fn tool_and_rest(&self) -> Option<(String, String)> {
+        if !matches!(self.tool(true), ToolWord::Called(_)) {
+            return None;
+        }
+        let mut depth = 0u32;
+        let at = self.rest.find(|c: char| {
+            match c {
+                '(' => depth += 1,
+                ')' => depth = depth.saturating_sub(1),
+                _ => {}
+            }
+            depth == 0 && c.eq_ignore_ascii_case(&'T')
+        })?;
+        let behind = &self.rest[at + 1..];
+        let length = behind.find(|c: char| !c.is_ascii_digit() && c != ' ').unwrap_or(behind.len());
+        let tool = self.rest[at..at + 1 + length].trim_end().to_owned();
+        let rest = format!("{}{}", &self.rest[..at], &behind[length..]);
+        let others = self.words.chars().filter(|c| !c.is_whitespace()).count();
+        let own = tool.chars().filter(|c| !c.is_whitespace()).count();
+        (others > own).then_some((tool, rest))
+    }
+
+    /// What a T word says: on a lathe the last two digits, the offset; on a mill the tool.
+    fn tool(&self, mill: bool) -> ToolWord {
         let words: String = self.words.chars().filter(|c| !c.is_whitespace()).collect();
         // T is an argument of a macro call, or a letter of a macro statement or of DPRNT's text.
         let no_tool = [
@@ -161,7 +208,8 @@ impl<'a> Block<'a> {
         };
         let digits: String = words[at + 1..].chars().take_while(char::is_ascii_digit).collect();
         match digits.parse::<u64>() {
-            Ok(number) => ToolWord::Offset((number % 100) as u32),
+            Ok(number) if mill => ToolWord::Called(number.min(u64::from(u32::MAX)) as u32),
+            Ok(number) => ToolWord::Called((number % 100) as u32),
             Err(_) if words[at + 1..].starts_with(['#', '[']) => ToolWord::Computed,
             Err(_) => ToolWord::None,
         }
@@ -182,7 +230,7 @@ mod tests {
         insert(program, &generated, &control).map_err(|e| e.to_string())
     }
 
-    const CALL: &str = "G65 P8002 T5. D3.2342 S3.22 B3.245 A2000. F10000. Q50. J200. C1. R10000. H20.";
+    const CALL: &str = "G65 P8002 T5. D3.2342 S3.22 B3.245 A2000. E2025. F10000. Q50. J200. K1. M1. C1. R10000. H20.";
 
     #[test]
     fn a_call_comes_before_the_index_and_takes_the_sequence_number() {
@@ -212,5 +260,18 @@ mod tests {
             Ok("%\nO1(PART)\n(COMMENT)\n#140=200 (JOB, FOR SIZING)\nN10 G21\nM30\n%\n".to_owned())
         );
         assert!(changed("%\n", Method::TWord).is_err());
+    }
+
+    #[test]
+    fn on_a_mill_a_tool_is_named_in_a_block_before_its_change() {
+        let mut job = Job::parse(PUBLISHED, "job.toml", &lathe()).expect("good");
+        job.dimensions[0].column = crate::Column::CutterRadius;
+        let control = Control::find("fanuc-mill").expect("built in");
+        let generated = generate(&job, &control, Method::TWord, SetupEnd::M30).expect("possible");
+        let program = "O1\nN5 T2 M6 (T2 CUTTER)\n/M6T03\nT4\nG43H2Z1.\n(T9)M6\nM30\n";
+        assert_eq!(
+            insert(program, &generated, &control).expect("fits"),
+            "O1\n#140=200 (JOB, FOR SIZING)\nN5 T2\nM6 (T2 CUTTER)\n/T03\n/M6\nT4\nG43H2Z1.\n(T9)M6\nM30\n"
+        );
     }
 }

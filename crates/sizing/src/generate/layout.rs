@@ -54,6 +54,17 @@ const SINGLE: u32 = 5;
 const MOST: u32 = 10;
 
 impl Layout {
+    /// What each G65 call has found: by how many steps its size wants the register moved. Scratch of [`super::Method::G65`], which types
+    /// its sizes elsewhere.
+    pub fn asked(&self) -> u32 {
+        self.entry
+    }
+
+    /// Where each G65 call found its size. Scratch like [`Layout::asked`].
+    pub fn place(&self) -> u32 {
+        self.table.offset
+    }
+
     /// The places depend on the control alone and not on job or method, so that macros that were loaded once find every job's set-up
     /// where they look for it. With room for ten dimensions entries, offsets and targets are where the article has them.
     pub(super) fn new(dimensions: &[Dimension], control: &Control) -> Result<Layout, GenerateError> {

@@ -41,16 +41,17 @@ pub(super) fn setup(job: &Job, dimensions: &[Dimension], layout: &Layout, contro
     }
     for (k, d) in (1..).zip(dimensions) {
         let gain = steps_per_unit(d) / d.response.size_per_register();
-        let base = control.base_of(d.column).expect("looked at before anything is generated");
+        let register = control.register_of(d).expect("looked at before anything is generated");
+        let key = control.called_by(d);
         line(format!("({})", comment(&d.name)));
         line(format!("#{}=#0", layout.entry + k));
-        line(format!("#{}={}", table.offset + k, d.offset));
+        line(format!("#{}={key}", table.offset + k));
         line(format!("#{}={}", table.target + k, number(in_unit(unit, d.target))));
         line(format!("#{}={}", table.low + k, number(in_unit(unit, d.window.0))));
         line(format!("#{}={}", table.high + k, number(in_unit(unit, d.window.1))));
         line(format!("#{}={}", table.gain + k, number(gain)));
         line(format!("#{}={}", table.largest + k, number(largest_steps(d))));
-        line(format!("#{}={base}", table.base + k));
+        line(format!("#{}={}", table.base + k, i64::from(register) - i64::from(key)));
         line(format!("#{}=0", layout.count + k));
     }
     line(format!("#{}={}", table.dimensions, dimensions.len()));
@@ -92,12 +93,27 @@ pub(super) fn macros(layout: &Layout, control: &Control) -> Vec<MacroProgram> {
         out.push('\n');
     };
     line(&format!("O{T_WORD_WORKER}(SIZING WORKER, CALLED BY O{T_WORD_MACRO})"));
-    line("(#1 OFFSET, #2 DIMENSION, #3 ENTRY, #4 STEPS, #5 REGISTER, #6 BEFORE, #7 CHANGE, #8 COUNT)");
-    line("#1=ROUND[#20]-FIX[[ROUND[#20]+0.5]/100]*100 (LAST TWO DIGITS)");
+    line("(#1 OFFSET OR TOOL, #2 DIMENSION, #3 ENTRY, #4 STEPS, #5 REGISTER, #6 BEFORE, #7 CHANGE)");
+    line("(#8 COUNT, #9 SIZE OF THE REGISTER, #10 HOW MANY, #11 ONE IS NOT ENTERED)");
+    line(match control.mill {
+        true => "#1=ROUND[#20] (TOOL)",
+        false => "#1=ROUND[#20]-FIX[[ROUND[#20]+0.5]/100]*100 (LAST TWO DIGITS)",
+    });
+    // The lines that pass by a size of another register than that of the dimension in `of`.
+    let others = |of: &str, next: u32| {
+        let (offset, base) = (table.offset, table.base);
+        format!("IF[#[{offset}+#9]NE#[{offset}+{of}]]GOTO{next}\nIF[#[{base}+#9]NE#[{base}+{of}]]GOTO{next}")
+    };
     line("IF[#1EQ0]GOTO99");
     line(&format!("IF[#{}EQ#0]GOTO99 (NO SET-UP)", table.dimensions));
     line(&format!("IF[#{taken}EQ0]GOTO1"));
-    line(&format!("#{taken}=0"));
+    line("#9=1");
+    line(&format!("N20 IF[#9GT#{}]GOTO22 (CLEAR WHAT IS LEFT OF IT)", table.dimensions));
+    line(&others(&format!("#{taken}"), 21));
+    line(&format!("#[{entry}+#9]=#0"));
+    line("N21 #9=#9+1");
+    line("GOTO20");
+    line(&format!("N22 #{taken}=0"));
     line(&format!("#3000={INTERRUPTED}(LAST ENTRY CUT OFF, MEASURE)"));
     line("N1 #2=1");
     line(&format!("N2 IF[#2GT#{}]GOTO99", table.dimensions));
@@ -110,29 +126,49 @@ pub(super) fn macros(layout: &Layout, control: &Control) -> Vec<MacroProgram> {
     let mut check = String::new();
     unit_check(&mut check, &format!("#{}", table.unit), 4);
     line(&format!("N3 {}", check.trim_end()));
-    line(&format!("N4 IF[#3GT#[{}+#2]]GOTO5", table.low));
+    line("N4 #4=0");
+    line("#10=0");
+    line("#11=0");
+    line("#9=1");
+    line(&format!("N8 IF[#9GT#{}]GOTO12", table.dimensions));
+    line(&others("#2", 11));
+    line("#10=#10+1");
+    line(&format!("#3=#[{entry}+#9]"));
+    line("IF[#3EQ#0]GOTO10");
+    line("IF[#3EQ0]GOTO10");
+    line(&format!("IF[#3GT#[{}+#9]]GOTO5", table.low));
     line(&format!("#3000={TOO_SMALL}(DIMENSION ENTERED TOO SMALL)"));
-    line(&format!("N5 IF[#3LT#[{}+#2]]GOTO6", table.high));
+    line(&format!("N5 IF[#3LT#[{}+#9]]GOTO6", table.high));
     line(&format!("#3000={TOO_BIG}(DIMENSION ENTERED TOO BIG)"));
-    line(&format!(
-        "N6 #4=ROUND[ROUND[[#[{}+#2]-#3]*#[{}+#2]*1000]/1000]",
-        table.target, table.gain
-    ));
+    line(&format!("N6 #4=#4+[#[{}+#9]-#3]*#[{}+#9]", table.target, table.gain));
+    line("GOTO11");
+    line("N10 #11=1");
+    line("N11 #9=#9+1");
+    line("GOTO8");
+    line("N12 IF[#11EQ1]GOTO15 (ANOTHER SIZE OF THE REGISTER IS NOT ENTERED YET)");
+    line("#4=ROUND[ROUND[#4/#10*1000]/1000] (THE MEAN, NEVER THE SUM)");
     line(&format!("IF[ABS[#4]LE#[{}+#2]]GOTO7", table.largest));
     line(&format!("#3000={STEP_TOO_LARGE}(STEP TOO LARGE, ASK SETTER)"));
     line("N7 G53 (WAIT UNTIL ALL MOVES ARE DONE)");
+    line(&format!("#3=#[{entry}+#2]"));
     line(&format!("#{taken}=#2"));
-    line(&format!("#[{entry}+#2]=#0 (TAKEN, BEFORE THE OFFSET IS WRITTEN)"));
-    line(&format!("#5=#[{}+#2]+#1", table.base));
+    line("#9=1");
+    line(&format!("N13 IF[#9GT#{}]GOTO16", table.dimensions));
+    line(&others("#2", 14));
+    line(&format!("#[{entry}+#9]=#0 (TAKEN, BEFORE THE OFFSET IS WRITTEN)"));
+    line(&format!("#[{count}+#9]=#[{count}+#9]+1"));
+    line("N14 #9=#9+1");
+    line("GOTO13");
+    line(&format!("N16 #5=#[{}+#2]+#1", table.base));
     line("#6=#[#5]");
     line(&format!("#7=#4/#{}", table.steps_per_unit));
     line("#[#5]=#6+#7");
-    line(&format!("#8=#[{count}+#2]+1"));
-    line(&format!("#[{count}+#2]=#8"));
     line(&format!("#{taken}=0"));
     if control.prints {
+        line(&format!("#8=#[{count}+#2]"));
         line("POPEN");
-        line(&printed(&format!("#{job}"), "#2", "#1", "#3", "#6", "#7", "#8"));
+        let called = if control.mill { "TOOL#1" } else { "OFS#1" };
+        line(&printed(&format!("#{job}"), "#2", called, "#3", "#6", "#7", "#8"));
         line("PCLOS");
     }
     line("N15 #2=#2+1");

@@ -63,6 +63,33 @@ impl Client {
         After::Ask
     }
 
+    /// A chase may have skipped what the agent still has, when it went quiet meanwhile: that is asked for after all.
+    fn skipped(&mut self, header: &Header) -> Option<u64> {
+        let position = self.position?;
+        let gap = self.open_gaps.last_mut()?;
+        let is_before = gap.instance == position.instance && gap.to_sequence?.checked_add(1)? == position.next;
+        let from = header.first_sequence.max(1).max(gap.from_sequence);
+        if !is_before || gap.cause == GapCause::Unreadable || from >= position.next {
+            return None;
+        }
+        gap.to_sequence = Some(from - 1);
+        if from == gap.from_sequence {
+            self.open_gaps.pop();
+        }
+        Some(from)
+    }
+
+    pub(super) fn looks_back(&mut self, header: &Header) -> bool {
+        if self.looked_back {
+            return false;
+        }
+        let Some(from) = self.skipped(header) else { return false };
+        self.looked_back = true;
+        self.position = self.position.map(|p| Position { next: from, ..p });
+        self.chases = 0;
+        true
+    }
+
     /// The agent has nothing before `first` any more, or will not when it is asked.
     fn lost_before(&mut self, first: u64) {
         let Some(position) = self.position.filter(|p| p.next < first) else {
@@ -111,7 +138,7 @@ impl Client {
         self.broken = (0, 0);
         self.look_at_times(header, &told);
         if let Some(first) = told.first() {
-            self.chases = 0;
+            (self.chases, self.looked_back) = (0, false);
             for mut gap in self.open_gaps.drain(..) {
                 gap.to = Some(first.at);
                 self.events.push_back(Event::Gap(gap));

@@ -1,0 +1,148 @@
+//! Tool calls, with the words that a program has for them, and the workingsteps that they begin.
+
+use super::*;
+
+impl Interpreter {
+    pub(super) fn set_tool(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<()> {
+        let Some(t) = block.take(b'T') else { return Ok(()) };
+        if self.profile.turning {
+            let value = Self::whole(t, 'T', 9999)?;
+            self.trace.tool = Some(value);
+            let (station, offset) = (value / 100, value % 100);
+            if station != 0 && self.tool != Some(station) {
+                let words = self.tool_words(block, site);
+                self.put_tool(station, words, t.at, site)?;
+            }
+            return self.select_turning_offset(offset, t.at, site);
+        }
+        let number = Self::whole(t, 'T', 99_999_999)?;
+        self.trace.tool = Some(number);
+        let words = self.tool_words(block, site);
+        self.preselected = Some((number, words));
+        Ok(())
+    }
+
+    pub(super) fn change_tool(&mut self, at: usize, block: &Block, site: Site<'_>) -> Outcome<()> {
+        let Some((number, mut words)) = self.preselected.clone() else {
+            return Err(Fault::new(
+                at,
+                0,
+                "no-tool",
+                "M6 without a tool: no T word came before",
+                "write T and the tool's number before M6",
+            ));
+        };
+        if words.is_empty() {
+            words = self.tool_words(block, site);
+        }
+        self.put_tool(number, words, at, site)
+    }
+
+    pub(super) fn put_tool(&mut self, number: u32, words: String, at: usize, site: Site<'_>) -> Outcome<()> {
+        let entry = self.tables.tools.get(&ToolNumber(number)).cloned();
+        if entry.is_none() && number != 0 {
+            self.missing("missing-tool", site, at, &format!("tool {number}"), "a tool of that number")?;
+        }
+        let entry = entry.unwrap_or_default();
+        // A tool is never changed with the spindle turning, whatever the program says.
+        if !self.profile.turning {
+            self.turning = Turning::Stopped;
+            self.say_spindle();
+        }
+        let name = if words.is_empty() { entry.name } else { words };
+        self.begin_workingstep(step_name(number, &name));
+        self.comments.clear();
+        self.tool = Some(number);
+        self.emit(StepKind::Tool(ToolCall {
+            number: ToolNumber(number),
+            name,
+            diameter: entry.diameter,
+        }));
+        Ok(())
+    }
+
+    /// The program's words for a tool: the comment of this block, or the first of the comment lines right before.
+    pub(super) fn tool_words(&self, block: &Block, site: Site<'_>) -> String {
+        match block.comment {
+            Some((start, end)) => characters(&site.text[start..end]).trim().to_owned(),
+            None => self.comments.first().cloned().unwrap_or_default(),
+        }
+    }
+
+    /// Takes note of a line that holds only a comment, or nothing.
+    pub(crate) fn comment_line(&mut self, block: &Block, site: Site<'_>) {
+        const MOST: usize = 8;
+        let Some((start, end)) = block.comment else { return };
+        if self.show_message(block, site) {
+            return;
+        }
+        let bytes = &site.text[start..end];
+        if self.comments_closed {
+            self.comments.clear();
+            self.comments_closed = false;
+        }
+        if self.comments.len() < MOST {
+            let text = characters(&bytes[..bytes.len().min(200)]);
+            let text = text.trim();
+            if !text.is_empty() {
+                self.comments.push(text.to_owned());
+            }
+        }
+    }
+
+    /// Tells the operator what a `(MSG,...)` comment says; false when the block has none.
+    pub(crate) fn show_message(&mut self, block: &Block, site: Site<'_>) -> bool {
+        let Some((start, end)) = block.comment.filter(|_| self.profile.message_comments) else {
+            return false;
+        };
+        let bytes = &site.text[start..end];
+        let is_message = bytes.get(..4).is_some_and(|b| b.eq_ignore_ascii_case(b"MSG,"));
+        if is_message {
+            self.emit(StepKind::Message(characters(&bytes[4..]).trim().to_owned()));
+        }
+        is_message
+    }
+
+    /// A line that is no comment was met: the next comment line begins a new run.
+    pub(crate) fn close_comments(&mut self) {
+        self.comments_closed = true;
+    }
+
+    /// The tip moves: comments before it are no longer about the next tool.
+    pub(crate) fn forget_comments(&mut self) {
+        if !self.comments.is_empty() {
+            self.comments.clear();
+        }
+    }
+
+    pub(crate) fn begin_workingstep(&mut self, name: String) {
+        if self.workingstep_open {
+            self.emit(StepKind::End(Level::Workingstep));
+        }
+        self.workingstep_open = true;
+        self.emit(StepKind::Begin(Marker {
+            level: Level::Workingstep,
+            name,
+            entity: None,
+            maximum_deviation: None,
+            derived: true,
+        }));
+    }
+
+    /// Moves before the first tool call are a workingstep too, named after the program.
+    pub(crate) fn ensure_workingstep(&mut self) {
+        if !self.workingstep_open {
+            self.begin_workingstep(self.program_name.clone());
+        }
+    }
+}
+
+/// `T1 3" FACE MILL`; a comment that begins with the tool's number is name enough.
+fn step_name(number: u32, words: &str) -> String {
+    let call = format!("T{number}");
+    match words.strip_prefix(&call) {
+        Some(rest) if !rest.starts_with(|c: char| c.is_ascii_digit()) => words.to_owned(),
+        _ if words.is_empty() => call,
+        _ => format!("{call} {words}"),
+    }
+}
