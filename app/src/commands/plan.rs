@@ -93,7 +93,7 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
             "samples": s.samples,
             "path_length_mm": s.path_length.0,
             "max_deviation_mm": s.max_deviation.0,
-            "worst_ratio": { "v": s.worst_speed_ratio, "a": s.worst_acceleration_ratio, "j": Value::Null },
+            "worst_ratio": { "v": s.worst_speed_ratio, "a": s.worst_acceleration_ratio, "j": s.worst_jerk_ratio },
             "dialect": { "name": dialect, "because": because },
             "frame": match args.frame { FrameName::Machine => "machine", FrameName::Setup => "setup" },
             "offsets": source,
@@ -108,11 +108,13 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
             program.name, s.time.0, s.blocks, s.path_length.0
         ));
         say(&format!(
-            "{} set-points in {}; speed up to {:.2} % and acceleration up to {:.2} % of the limits, {:.4} mm off the path at most",
+            "{} set-points in {}; speed up to {:.2} %, acceleration up to {:.2} %{} of the limits, {:.4} mm off the path at most",
             s.samples,
             args.out.display(),
             100.0 * s.worst_speed_ratio,
             100.0 * s.worst_acceleration_ratio,
+            s.worst_jerk_ratio
+                .map_or(String::new(), |j| format!(", jerk up to {:.2} %", 100.0 * j)),
             s.max_deviation.0
         ));
     }

@@ -17,10 +17,14 @@
 //! rest where its corners ask for it: the planner does not see the spindle's encoder, so the angle at its start is not waited for and
 //! deviations of the spindle's speed are not followed.
 //!
-//! Jerk is not limited yet. It enters in `profile` (limits on the change of acceleration along the curve) and in `smooth` (curvature
-//! that is continuous as well); the stages around them stay.
+//! With a limit of jerk ([`Limits::j_max`]) another planner takes the place of the three stages, behind the same [`Trajectory`]: the path
+//! becomes a curve with a continuous curvature, and the window is solved for the fastest motion under speed, acceleration and jerk of each
+//! axis. The jerk holds at every instant, and so at third differences of samples. Why it is made so: `docs/decisions/0010-jerk.md`; what
+//! it reaches: `cargo bench -p motion`.
 
 mod blend;
+mod jerk;
+mod planner;
 pub mod profile;
 pub mod sample;
 pub mod smooth;
@@ -37,7 +41,7 @@ pub struct Limits {
     pub v_max: [MmPerSec; 3],
     /// Largest acceleration of each axis.
     pub a_max: [MmPerSec2; 3],
-    /// Largest jerk of each axis, kept for the jerk-limited planner; `None` is unlimited. Not used yet.
+    /// Largest jerk of each axis; `None` is unlimited.
     pub j_max: Option<[MmPerSec3; 3]>,
     /// How far a blend may leave the programmed path where the program does not say.
     pub tolerance: Millimetres,
@@ -72,4 +76,6 @@ pub struct Statistics {
     pub worst_speed_ratio: f64,
     /// Largest acceleration of a sample against the axis's limit. Second backward difference of positions, at rest before and after.
     pub worst_acceleration_ratio: f64,
+    /// Largest jerk of a sample against the axis's limit, where there is one. Third backward difference, at rest before and after.
+    pub worst_jerk_ratio: Option<f64>,
 }

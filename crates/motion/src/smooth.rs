@@ -26,14 +26,14 @@ const NO_DIRECTION: f64 = 1e-6;
 
 /// Feeds below this share of a move's fastest are held at places, not everywhere between them: a feed that falls to 0 along the path
 /// would never arrive.
-const SLOWEST_SHARE: f64 = 0.01;
+pub(crate) const SLOWEST_SHARE: f64 = 0.01;
 
 /// Largest ratio of the feeds at both ends of an interval. In between the square of the speed is linear, so the speed is above the
 /// linear feed by at most 0.05 %.
 const FEED_STEP: f64 = 1.06;
 
 /// Turns larger than this (rad, 170 degrees) are reversals: a blend would be a needle.
-const REVERSAL: f64 = 2.967;
+pub(crate) const REVERSAL: f64 = 2.967;
 
 /// A move, in machine coordinates, as the smoother needs it.
 #[derive(Clone, Debug, PartialEq)]
@@ -261,7 +261,7 @@ impl Smoother {
 
 impl Corner {
     /// How far the path may be left at either end, mm. A move that stops at its end is still followed closely from its start.
-    fn tolerance(self) -> f64 {
+    pub(crate) fn tolerance(self) -> f64 {
         match self {
             Corner::Stop => EXACT_PATH_TOLERANCE,
             Corner::Within(tolerance) => tolerance,
@@ -287,32 +287,39 @@ impl Piece {
     }
 
     /// Feed at a parameter; the lower one where it steps.
-    fn feed_at(&self, u: f64) -> f64 {
-        let points = &self.feed_factors;
-        // From a hair before to a hair after: a border that was computed may miss the step by a last digit.
-        let (before, after) = (
-            points.partition_point(|p| p.0 < u - 1e-12),
-            points.partition_point(|p| p.0 <= u + 1e-12),
-        );
-        let here = points[before..after].iter().map(|p| p.1).reduce(f64::min);
-        let neighbours = (before.checked_sub(1).map(|i| points[i]), points.get(after));
-        self.feed
-            * match (here, neighbours) {
-                (Some(factor), _) => factor,
-                (None, (Some(a), Some(b))) => a.1 + (b.1 - a.1) * (u - a.0) / (b.0 - a.0),
-                (None, (Some(p), None)) => p.1,
-                (None, (None, Some(p))) => p.1,
-                (None, (None, None)) => 1.0,
-            }
+    pub(crate) fn feed_at(&self, u: f64) -> f64 {
+        feed_at(&self.feed_factors, self.feed, u)
     }
 
     /// Lowest feed in a range of the parameter.
     fn slowest_feed(&self, from: f64, to: f64) -> f64 {
-        let inside = self.feed_factors.iter().filter(|p| p.0 > from && p.0 < to);
-        inside
-            .map(|p| self.feed * p.1)
-            .fold(self.feed_at(from).min(self.feed_at(to)), f64::min)
+        slowest_feed(&self.feed_factors, self.feed, from, to)
     }
+}
+
+fn feed_at(points: &[(f64, f64)], feed: f64, u: f64) -> f64 {
+    // From a hair before to a hair after: a border that was computed may miss the step by a last digit.
+    let (before, after) = (
+        points.partition_point(|p| p.0 < u - 1e-12),
+        points.partition_point(|p| p.0 <= u + 1e-12),
+    );
+    let here = points[before..after].iter().map(|p| p.1).reduce(f64::min);
+    let neighbours = (before.checked_sub(1).map(|i| points[i]), points.get(after));
+    feed * match (here, neighbours) {
+        (Some(factor), _) => factor,
+        (None, (Some(a), Some(b))) => a.1 + (b.1 - a.1) * (u - a.0) / (b.0 - a.0),
+        (None, (Some(p), None)) => p.1,
+        (None, (None, Some(p))) => p.1,
+        (None, (None, None)) => 1.0,
+    }
+}
+
+/// Lowest feed in a range of the parameter, of a move with these factors.
+pub(crate) fn slowest_feed(points: &[(f64, f64)], feed: f64, from: f64, to: f64) -> f64 {
+    let inside = points.iter().filter(|p| p.0 > from && p.0 < to);
+    inside
+        .map(|p| feed * p.1)
+        .fold(feed_at(points, feed, from).min(feed_at(points, feed, to)), f64::min)
 }
 
 /// Gives the part of a move that its corners left.

@@ -1,8 +1,7 @@
 //! The stream of steps becomes a stream of commands: what is at rest, what stands between two moves, and the motion itself.
 
-use crate::profile::{Profile, Profiled};
-use crate::sample::{Sampled, Sampler};
-use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece, Smoothed, Smoother};
+use crate::planner::{Planned, Planner};
+use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece};
 use crate::{Limits, Statistics};
 use machine::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 use plan::{
@@ -63,9 +62,7 @@ pub enum Output {
 pub struct Trajectory<'a> {
     stream: Box<dyn ProgramStream + 'a>,
     limits: Limits,
-    smoother: Smoother,
-    profile: Profile,
-    sampler: Sampler,
+    planner: Planner,
     /// Steps that stand between moves, in order; the profile's marks come out in the same order.
     marks: VecDeque<Vec<Output>>,
     ready: VecDeque<Output>,
@@ -85,7 +82,7 @@ pub struct Trajectory<'a> {
     path_mode: PathMode,
     workingsteps: u32,
     spindle_told: (Rpm, u64),
-    history: Option<([f64; 3], [f64; 3])>,
+    history: [[f64; 3]; 3],
     statistics: Statistics,
     gaps: f64,
 }
@@ -138,10 +135,8 @@ impl<'a> Trajectory<'a> {
     pub fn new(stream: Box<dyn ProgramStream + 'a>, start: Point<Machine>, limits: Limits) -> Self {
         Trajectory {
             stream,
-            profile: Profile::new(&limits),
+            planner: Planner::new(&limits, start.xyz),
             limits,
-            smoother: Smoother::new(&limits),
-            sampler: Sampler::new(start.xyz),
             marks: VecDeque::new(),
             ready: VecDeque::new(),
             at_rest: None,
@@ -156,7 +151,7 @@ impl<'a> Trajectory<'a> {
             path_mode: PathMode::Tolerance(None),
             workingsteps: 0,
             spindle_told: (Rpm::ZERO, 0),
-            history: Some((start.xyz, start.xyz)),
+            history: [start.xyz; 3],
             statistics: Statistics::default(),
             gaps: 0.0,
         }
@@ -172,21 +167,13 @@ impl<'a> Trajectory<'a> {
             if let Some(output) = self.ready.pop_front() {
                 return output;
             }
-            if let Sampled::SetPoint(point) = self.sampler.tick() {
-                return self.give(point);
-            }
-            match self.profile.advance() {
-                Some(Profiled::Phase(phase)) => self.sampler.feed(phase),
-                Some(Profiled::Rest(place, step)) => {
-                    if let Some(point) = self.sampler.rest(place, step) {
-                        return self.give(point);
-                    }
-                }
-                Some(Profiled::Mark(_)) => self.ready.extend(self.marks.pop_front().into_iter().flatten()),
+            match self.planner.next() {
+                Some(Planned::SetPoint(point)) => return self.give(point),
+                Some(Planned::Mark) => self.ready.extend(self.marks.pop_front().into_iter().flatten()),
                 None if self.at_rest.is_some() => {
                     // What is left of the way has no length.
                     self.position = self.aim;
-                    if let Some(point) = self.sampler.rest(self.position.xyz, self.last_move) {
+                    if let Some(point) = self.planner.rest(self.position.xyz, self.last_move) {
                         return self.give(point);
                     }
                     match self.at_rest.as_ref() {
@@ -214,8 +201,8 @@ impl<'a> Trajectory<'a> {
     /// What has been given out so far.
     pub fn statistics(&self) -> Statistics {
         Statistics {
-            path_length: Millimetres(self.sampler.path_length()),
-            max_deviation: Millimetres(self.smoother.max_deviation.max(self.gaps)),
+            path_length: Millimetres(self.planner.path_length()),
+            max_deviation: Millimetres(self.planner.max_deviation().max(self.gaps)),
             ..self.statistics
         }
     }
@@ -514,17 +501,14 @@ impl<'a> Trajectory<'a> {
             return;
         }
         self.position = piece.path.end();
-        let profile = &mut self.profile;
-        self.smoother.push(piece, &mut |s| forward(profile, s));
+        self.planner.push(piece);
     }
 
     fn mark(&mut self, outputs: Vec<Output>) {
-        let profile = &mut self.profile;
         self.marks.push_back(outputs);
-        self.smoother.mark(0, &mut |s| forward(profile, s));
+        self.planner.mark();
         if self.marks.len() > MOST_MARKS {
-            self.smoother.finish(&mut |s| forward(profile, s));
-            profile.close();
+            self.planner.finish();
         }
     }
 
@@ -545,9 +529,7 @@ impl<'a> Trajectory<'a> {
                 corner: Corner::Stop,
             });
         }
-        let profile = &mut self.profile;
-        self.smoother.finish(&mut |s| forward(profile, s));
-        self.profile.close();
+        self.planner.finish();
         self.at_rest = Some(then);
     }
 
@@ -579,18 +561,24 @@ impl<'a> Trajectory<'a> {
     fn give(&mut self, point: SetPoint) -> Output {
         let v_max = self.limits.v_max;
         let a_max = self.limits.a_max;
+        let j_max = self.limits.j_max;
         let statistics = &mut self.statistics;
         statistics.samples += 1;
         statistics.time += TICK;
-        if let Some((last, before)) = self.history {
-            for k in 0..3 {
-                let v = (point.position[k] - last[k]) / TICK.0;
-                let a = (point.position[k] - 2.0 * last[k] + before[k]) / (TICK.0 * TICK.0);
-                statistics.worst_speed_ratio = statistics.worst_speed_ratio.max(v.abs() / v_max[k].0);
-                statistics.worst_acceleration_ratio = statistics.worst_acceleration_ratio.max(a.abs() / a_max[k].0);
+        let [last, before, first] = self.history;
+        for k in 0..3 {
+            let p = point.position[k];
+            let v = (p - last[k]) / TICK.0;
+            let a = (p - 2.0 * last[k] + before[k]) / (TICK.0 * TICK.0);
+            statistics.worst_speed_ratio = statistics.worst_speed_ratio.max(v.abs() / v_max[k].0);
+            statistics.worst_acceleration_ratio = statistics.worst_acceleration_ratio.max(a.abs() / a_max[k].0);
+            if let Some(j_max) = j_max {
+                let j = (p - 3.0 * last[k] + 3.0 * before[k] - first[k]) / (TICK.0 * TICK.0 * TICK.0);
+                let worst = statistics.worst_jerk_ratio.unwrap_or(0.0);
+                statistics.worst_jerk_ratio = Some(worst.max(j.abs() / j_max[k].0));
             }
-            self.history = Some((point.position, last));
         }
+        self.history = [point.position, last, before];
         if let Some(wanted) = self.given.surface_revolutions(point.position) {
             let (told, at) = self.spindle_told;
             let due = (wanted - told).abs().0 > 0.01 * told.0 || (wanted != told && self.statistics.samples >= at + 10);
@@ -617,13 +605,6 @@ impl<'a> Trajectory<'a> {
 fn with_remedy(mut found: Box<Diagnostic>, remedy: &str) -> Box<Diagnostic> {
     found.remedy = remedy.into();
     found
-}
-
-fn forward(profile: &mut Profile, smoothed: Smoothed) {
-    match smoothed {
-        Smoothed::Segment(segment) => profile.push(segment),
-        Smoothed::Mark(mark) => profile.mark(mark),
-    }
 }
 
 /// The same path, moved by the tool offset: where the gauge point goes.

@@ -86,6 +86,14 @@ pub fn reference(tolerance: f64) -> Limits {
     Limits::uniform(MmPerSec(500.0), MmPerSec2(3000.0), Millimetres(tolerance))
 }
 
+/// The same with its jerk, 50 000 mm/s^3 each axis.
+pub fn jerk_limited(tolerance: f64) -> Limits {
+    Limits {
+        j_max: Some([units::MmPerSec3(50_000.0); 3]),
+        ..reference(tolerance)
+    }
+}
+
 /// Lines through points at one feed.
 pub fn polyline(points: &[[f64; 3]], mm_per_min: f64, mode: PathMode) -> Vec<StepKind> {
     std::iter::once(StepKind::PathMode(mode))

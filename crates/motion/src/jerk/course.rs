@@ -1,0 +1,487 @@
+//! The smooth curve of one stretch from rest to rest: the programmed spans, and what is added at their joints.
+//!
+//! The parameter is the programmed length `s`, mm. The curve has a continuous second derivative by `s` and a bounded third one, so time can
+//! be laid along it under a limit of jerk. It is computed where it is asked for; nothing is fitted, and what a joint adds is local.
+//!
+//! How far a joint reaches is decided in [`Course::settle`], as soon as enough of the path behind it is known: as far as the tolerance
+//! allows, all joints added up.
+
+use super::kernel::{EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, easing, rounding, rounding_value, swing};
+use super::vector::{V3, add_scaled, length, minus, scaled};
+use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece, SLOWEST_SHARE};
+use plan::Path;
+use std::collections::VecDeque;
+use units::StepId;
+
+/// Neighbours on each side that a joint may reach: the work for a place is bounded by it.
+const REACH: usize = 24;
+
+/// Farthest reach of a joint, mm, and how often the tolerance where that is more. What takes longer to pass than a jerk limit takes to
+/// build up an acceleration gains nothing.
+const FARTHEST: f64 = 12.0;
+const FARTHEST_SHARE: f64 = 7.0;
+
+/// Share of the tolerance that a joint plans with before neighbours of unequal reach are added up.
+const SHARE: f64 = 0.9;
+
+/// Ratio between the reaches that are tried.
+const FINER: f64 = 0.75;
+
+/// A move of the programmed path.
+#[derive(Debug)]
+pub(super) struct Span {
+    /// Where it begins, mm along the stretch.
+    pub(super) start: f64,
+    /// Its length, mm.
+    pub(super) length: f64,
+    shape: Shape,
+    /// Fastest path speed, mm/s, and its factors as in [`Piece::feed_factors`].
+    feed: f64,
+    factors: Vec<(f64, f64)>,
+    /// How far it may be left, mm.
+    tolerance: f64,
+    /// The step in whose name it is travelled.
+    pub(super) step: StepId,
+}
+
+#[derive(Debug)]
+enum Shape {
+    Line {
+        from: V3,
+        along: V3,
+    },
+    /// Circle or helix; `turn` and `rise` for each millimetre of length.
+    Round {
+        centre: V3,
+        out: V3,
+        side: V3,
+        normal: V3,
+        turn: f64,
+        rise: f64,
+    },
+}
+
+/// Where a span begins: what steps there.
+#[derive(Clone, Copy, Debug)]
+struct Joint {
+    s: f64,
+    turn: V3,
+    bend: V3,
+    sizes: [f64; 2],
+    half: f64,
+}
+
+/// Place and the first three derivatives by `s`.
+pub(super) type Place = [V3; 4];
+
+/// Turns from here on (the length of the step of the tangent; 29 degrees) are corners: the machine all but stops in them.
+const CORNER: f64 = 0.5;
+
+impl Joint {
+    fn is_corner(&self) -> bool {
+        self.sizes[0] >= CORNER
+    }
+
+    /// What is added to the path for each step of the tangent.
+    fn rounding(&self, d: f64) -> Jet {
+        if self.is_corner() {
+            swing(d, self.half)
+        } else {
+            rounding(d, self.half)
+        }
+    }
+
+    /// Its value alone, if it reached so far.
+    fn rounding_value(&self, d: f64, half: f64) -> f64 {
+        if self.is_corner() {
+            swing(d, half)[0]
+        } else {
+            rounding_value(d, half)
+        }
+    }
+
+    fn peak(&self) -> f64 {
+        if self.is_corner() { SWING_PEAK } else { ROUNDING_PEAK }
+    }
+}
+
+/// One stretch.
+#[derive(Debug, Default)]
+pub(super) struct Course {
+    spans: VecDeque<Span>,
+    /// One for each span; the first of a stretch steps by nothing.
+    joints: VecDeque<Joint>,
+    /// Joints whose reach is final, and those that were checked with all that reach them, counted from the first kept.
+    settled: usize,
+    /// Length known, mm.
+    pub(super) length: f64,
+    /// Largest distance from the programmed path, mm.
+    pub(super) deviation: f64,
+    /// Largest tolerance of a span, mm.
+    loosest: f64,
+}
+
+impl Course {
+    /// Adds a move; lines and arcs only.
+    pub(super) fn push(&mut self, piece: &Piece) {
+        let length = piece.length;
+        let shape = match &piece.path {
+            Path::Arc(arc) if arc.radius() > 0.0 => {
+                let out = (arc.from - arc.centre).xyz;
+                Shape::Round {
+                    centre: arc.centre.xyz,
+                    out,
+                    side: arc.normal.cross(arc.from - arc.centre).xyz,
+                    normal: arc.normal.xyz,
+                    turn: arc.sweep.0 / length,
+                    rise: arc.rise / length,
+                }
+            }
+            path => {
+                let (from, to) = (path.start().xyz, path.end().xyz);
+                Shape::Line {
+                    from,
+                    along: scaled(minus(to, from), 1.0 / length),
+                }
+            }
+        };
+        let span = Span {
+            start: self.length,
+            length,
+            shape,
+            feed: piece.feed,
+            factors: piece.feed_factors.clone(),
+            tolerance: piece.corner.tolerance(),
+            step: piece.step,
+        };
+        let (turn, bend) = match self.spans.back() {
+            None => ([0.0; 3], [0.0; 3]),
+            Some(last) => {
+                let [_, a1, a2, _] = last.at(last.length);
+                let [_, b1, b2, _] = span.at(0.0);
+                (minus(b1, a1), minus(b2, a2))
+            }
+        };
+        self.joints.push_back(Joint {
+            s: self.length,
+            turn,
+            bend,
+            sizes: [super::vector::length(turn), super::vector::length(bend)],
+            half: 0.0,
+        });
+        self.length += length;
+        self.loosest = self.loosest.max(span.tolerance);
+        self.spans.push_back(span);
+    }
+
+    /// Number of spans that are kept.
+    pub(super) fn len(&self) -> usize {
+        self.spans.len()
+    }
+
+    /// Up to here the curve is final.
+    pub(super) fn settled_to(&self, closed: bool) -> f64 {
+        if closed {
+            return self.length;
+        }
+        // What is not settled may still reach back, over REACH joints and no further than a joint ever does.
+        let by_count = self.settled.checked_sub(REACH + 1).map_or(0.0, |k| self.joints[k].s);
+        let by_length = self.joints.get(self.settled).map_or(0.0, |j| j.s - self.farthest());
+        by_count.max(by_length).max(0.0)
+    }
+
+    /// Decides how far joints reach. With `closed` the stretch ends where it does now.
+    pub(super) fn settle(&mut self, closed: bool) {
+        let count = self.joints.len();
+        let end = self.length;
+        let first = self.settled;
+        let mut reach: Vec<f64> = self.joints.iter().map(|j| j.half).collect();
+        for k in first..count {
+            reach[k] = self.widest(k, end);
+        }
+        // Two neighbours differ by no more than their distance, so that the smooth part beside a sharp corner does not reach over it.
+        let gap = |k: usize| self.joints[k].s - self.joints[k - 1].s;
+        for k in first.max(1)..count {
+            reach[k] = reach[k].min(reach[k - 1] + gap(k));
+        }
+        for k in (first.max(1)..count.saturating_sub(1)).rev() {
+            reach[k] = reach[k].min(reach[k + 1] + gap(k + 1));
+        }
+        let from = first.saturating_sub(REACH);
+        for round in 0..40 {
+            let mut fits = true;
+            for k in from..count {
+                let joint = &self.joints[k];
+                // An easing is largest beside its joint.
+                let aside = if joint.sizes[1] > 0.0 { EASING_PLACE * reach[k] } else { 0.0 };
+                let here = self.tolerance_at(k);
+                let places = [
+                    (joint.s, here),
+                    (joint.s + 0.5 * self.spans[k].length, self.spans[k].tolerance),
+                    (joint.s - aside, here),
+                    (joint.s + aside, here),
+                ];
+                let places = places.into_iter().take(if aside > 0.0 { 4 } else { 2 });
+                for (place, tolerance) in places {
+                    let off = length(self.off(k, place, &reach));
+                    if off > tolerance {
+                        fits = false;
+                        let (low, high) = (k.saturating_sub(REACH).max(first), (k + REACH + 1).min(count));
+                        let shrink = if round < 20 { 0.8 } else { 0.5 };
+                        for j in low..high {
+                            if (self.joints[j].s - place).abs() < reach[j] {
+                                reach[j] *= shrink;
+                            }
+                        }
+                    }
+                }
+            }
+            if fits {
+                break;
+            }
+        }
+        let last = if closed {
+            count
+        } else {
+            let far = self.joints.partition_point(|j| j.s < end - 2.0 * self.farthest());
+            count.saturating_sub(3 * REACH).max(far.saturating_sub(1)).max(first)
+        };
+        for (k, half) in reach.iter().enumerate().take(last).skip(first) {
+            self.joints[k].half = *half;
+            let s = self.joints[k].s;
+            let aside = if self.joints[k].sizes[1] > 0.0 {
+                EASING_PLACE * half
+            } else {
+                0.0
+            };
+            for place in [s - aside, s, s + aside] {
+                self.deviation = self.deviation.max(length(self.off(k, place, &reach)));
+            }
+        }
+        self.settled = last.max(first);
+    }
+
+    /// No joint reaches further, mm.
+    fn farthest(&self) -> f64 {
+        FARTHEST.max(FARTHEST_SHARE * self.loosest)
+    }
+
+    /// How far the path may be left where span `k` begins.
+    fn tolerance_at(&self, k: usize) -> f64 {
+        let here = self.spans[k].tolerance;
+        k.checked_sub(1).map_or(here, |before| here.min(self.spans[before].tolerance))
+    }
+
+    /// The largest reach of joint `k` with which it and its neighbours, all reaching as far, stay within the tolerance at it.
+    fn widest(&self, k: usize, end: f64) -> f64 {
+        let joint = &self.joints[k];
+        // Alone it may use all of it.
+        let share = if joint.is_corner() { 0.995 } else { SHARE };
+        let tolerance = share * self.tolerance_at(k);
+        let count = self.joints.len();
+        let neighbour = |other: Option<&Joint>, else_to: f64| other.map_or((else_to - joint.s).abs(), |o| (o.s - joint.s).abs());
+        let by_count = neighbour(k.checked_sub(REACH).and_then(|j| self.joints.get(j)), 0.0)
+            .min(neighbour(self.joints.get(k + REACH), end))
+            .min(FARTHEST.max(FARTHEST_SHARE * tolerance))
+            .min(joint.s)
+            .min(end - joint.s);
+        let off = |half: f64| {
+            let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(count));
+            let mut off = [0.0; 3];
+            for other in self.joints.range(low..high) {
+                let d = joint.s - other.s;
+                if d.abs() < half {
+                    add_scaled(&mut off, other.turn, other.rounding_value(d, half));
+                    if other.sizes[1] > 0.0 {
+                        add_scaled(&mut off, other.bend, easing(d, half)[0]);
+                    }
+                }
+            }
+            // An easing is 0 at its own joint, and largest beside it.
+            length(off).max(joint.sizes[1] * EASING_PEAK * half * half) / tolerance
+        };
+        let mut half = by_count;
+        let mut load = off(half);
+        if half <= 0.0 || load <= 1.0 {
+            return half.max(0.0);
+        }
+        // What is off grows with the reach of one corner, and with the square of the reach over a bend.
+        let mut over = half;
+        for _ in 0..40 {
+            over = half;
+            let alone = joint.sizes[0] * joint.peak() * half / tolerance;
+            half *= FINER.min(if alone > 1.0 { 1.02 / alone } else { 1.0 }).max(0.9 / load);
+            if half < 1e-9 {
+                return 0.0;
+            }
+            load = off(half);
+            if load <= 1.0 {
+                break;
+            }
+        }
+        // The reach itself, not a step of the search: neighbours on an even bend have to reach evenly.
+        let (mut low, mut high) = (half, over);
+        for _ in 0..7 {
+            if high < 1.002 * low {
+                break;
+            }
+            let middle = (low * libm::sqrt(1.0 / load)).clamp(low + 0.1 * (high - low), high - 0.1 * (high - low));
+            let there = off(middle);
+            if there <= 1.0 {
+                (low, load) = (middle, there);
+            } else {
+                high = middle;
+            }
+        }
+        low
+    }
+
+    /// What the joints around span `k` add at `s`, with these reaches.
+    fn off(&self, k: usize, s: f64, reach: &[f64]) -> V3 {
+        let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(self.joints.len()));
+        let mut off = [0.0; 3];
+        for (joint, half) in self.joints.range(low..high).zip(&reach[low..high]) {
+            let d = s - joint.s;
+            if d.abs() < *half {
+                add_scaled(&mut off, joint.turn, joint.rounding_value(d, *half));
+                if joint.sizes[1] > 0.0 {
+                    add_scaled(&mut off, joint.bend, easing(d, *half)[0]);
+                }
+            }
+        }
+        off
+    }
+
+    /// The span that `s` lies in, as an index into what is kept.
+    pub(super) fn span_at(&self, s: f64) -> usize {
+        self.spans.partition_point(|span| span.start <= s).saturating_sub(1)
+    }
+
+    /// A span by its index.
+    pub(super) fn span(&self, k: usize) -> &Span {
+        &self.spans[k]
+    }
+
+    /// The curve at `s`, which lies in span `k`.
+    pub(super) fn at(&self, k: usize, s: f64) -> Place {
+        let span = &self.spans[k];
+        let mut place = span.at(s - span.start);
+        let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(self.joints.len()));
+        for joint in self.joints.range(low..high) {
+            let d = s - joint.s;
+            if d.abs() < joint.half {
+                let jet = joint.rounding(d);
+                for (derivative, factor) in place.iter_mut().zip(jet) {
+                    add_scaled(derivative, joint.turn, factor);
+                }
+                if joint.sizes[1] > 0.0 {
+                    let jet = easing(d, joint.half);
+                    for (derivative, factor) in place.iter_mut().zip(jet) {
+                        add_scaled(derivative, joint.bend, factor);
+                    }
+                }
+            }
+        }
+        place
+    }
+
+    /// Shortest reach of the joints whose support holds `s`, and where the next support begins or ends.
+    pub(super) fn detail_at(&self, k: usize, s: f64) -> (f64, f64) {
+        let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(self.joints.len()));
+        let (mut shortest, mut next) = (f64::INFINITY, f64::INFINITY);
+        for joint in self.joints.range(low..high).filter(|j| j.half > 0.0) {
+            let (begin, end) = (joint.s - joint.half, joint.s + joint.half);
+            if begin > s {
+                next = next.min(begin);
+            } else if end > s {
+                shortest = shortest.min(joint.half);
+                next = next.min(end);
+            }
+        }
+        (shortest, next)
+    }
+
+    /// Forgets the spans that nothing from `s` on needs.
+    pub(super) fn forget_before(&mut self, s: f64) {
+        let keep = self.span_at(s).saturating_sub(2 * REACH + 2).min(self.settled);
+        self.spans.drain(..keep);
+        self.joints.drain(..keep);
+        self.settled -= keep;
+    }
+}
+
+impl Span {
+    /// Place and derivatives of the programmed path, `x` mm from the start of the span.
+    fn at(&self, x: f64) -> Place {
+        match &self.shape {
+            Shape::Line { from, along } => {
+                let mut place = *from;
+                add_scaled(&mut place, *along, x);
+                [place, *along, [0.0; 3], [0.0; 3]]
+            }
+            Shape::Round {
+                centre,
+                out,
+                side,
+                normal,
+                turn,
+                rise,
+            } => {
+                let (sin, cos) = libm::sincos(turn * x);
+                let round =
+                    |a: f64, b: f64, up: f64| -> V3 { std::array::from_fn(|k| out[k] * a + side[k] * b + normal[k] * up) };
+                let mut place = round(cos, sin, rise * x);
+                add_scaled(&mut place, *centre, 1.0);
+                let (w, w2) = (*turn, turn * turn);
+                [
+                    place,
+                    round(-w * sin, w * cos, *rise),
+                    round(-w2 * cos, -w2 * sin, 0.0),
+                    round(w2 * w * sin, -w2 * w * cos, 0.0),
+                ]
+            }
+        }
+    }
+
+    /// True for a line.
+    pub(super) fn is_line(&self) -> bool {
+        matches!(self.shape, Shape::Line { .. })
+    }
+
+    /// Lowest feed between two lengths from its start, mm/s.
+    pub(super) fn feed_between(&self, from: f64, to: f64) -> f64 {
+        if self.factors.is_empty() {
+            return self.feed;
+        }
+        let highest = self.factors.iter().map(|f| f.1).fold(0.0, f64::max);
+        crate::smooth::slowest_feed(&self.factors, self.feed, from / self.length, to / self.length)
+            .max(SLOWEST_SHARE * highest * self.feed)
+    }
+
+    /// Lengths from its start at which its feed changes its slope.
+    pub(super) fn feed_places(&self) -> impl Iterator<Item = f64> + '_ {
+        self.factors.iter().map(|f| f.0 * self.length)
+    }
+
+    /// True when the feed is the same all along it.
+    pub(super) fn has_one_feed(&self) -> bool {
+        self.factors.is_empty()
+    }
+}
+
+/// True when two moves that follow each other can be passed without a rest.
+pub(super) fn is_passable(last: &Piece, next: &Piece) -> bool {
+    if last.corner == Corner::Stop || last.rapid != next.rapid {
+        return false;
+    }
+    let tangents = [last.path.derivatives(1.0).0, next.path.derivatives(0.0).0];
+    let [Some(out), Some(into)] = tangents.map(units::Vector::unit) else {
+        return false;
+    };
+    let turn = libm::atan2(out.cross(into).length(), out.dot(into));
+    let tolerance = last.corner.tolerance().min(next.corner.tolerance());
+    turn <= crate::smooth::REVERSAL && tolerance >= LEAST_TOLERANCE
+}
+
+/// Below this (mm) a corner is a stop: rounding it would gain less than a cycle.
+const LEAST_TOLERANCE: f64 = EXACT_PATH_TOLERANCE / 100.0;
