@@ -21,8 +21,9 @@ pub fn macro_run(args: &MacroRunArgs, common: &Common) -> Done {
     let program = Program::open(&args.program, common.dialect.as_deref(), None)?;
     let Kind::Gcode { profile, because } = &program.kind else {
         return Err(Failure::usage(format_args!(
-            "{} is STEP-NC: macro run interprets G-code",
-            args.program.display()
+            "{} is no G-code but {}: macro run interprets G-code; give --dialect if it is",
+            args.program.display(),
+            program.dialect().0
         )));
     };
     let mut setup = match &args.setup {

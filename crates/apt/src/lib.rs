@@ -123,20 +123,21 @@ impl AptProgram {
         false
     }
 
-    /// True when these first bytes of a file look like a cutter-location file: its statements and no words of G-code.
+    /// True when these first bytes of a file look like a cutter-location file: statements of it with their slash, and no words of G-code.
     pub fn looks_like(head: &[u8]) -> bool {
         let text = String::from_utf8_lossy(head);
-        let (mut at, mut line, mut known) = (0, 1, 0);
-        while let Some(statement) = statement::next(&text, &mut at, &mut line) {
-            known += u32::from(acting::MAJORS.contains(&statement.major.as_str()));
-            if known >= 2 || (known == 1 && at >= text.len()) {
-                return true;
+        let mut known = 0;
+        for line in text.lines().take(60).map(str::trim_start) {
+            let mut letters = line.chars();
+            let is_code = letters.next().is_some_and(|c| c == '%' || c.is_ascii_alphabetic());
+            if is_code && (line.starts_with('%') || letters.next().is_some_and(|c| c.is_ascii_digit())) {
+                return false;
             }
-            if line > 60 {
-                break;
-            }
+            // `GOTO` alone is a word of macro programs too.
+            let major = line.split_once('/').map_or("", |(major, _)| major.trim_end());
+            known += u32::from(acting::MAJORS.contains(&major.to_ascii_uppercase().as_str()));
         }
-        false
+        known >= 2 || (known == 1 && text.lines().count() < 60)
     }
 
     fn begin(&mut self) {
