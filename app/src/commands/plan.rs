@@ -7,8 +7,8 @@ use crate::program::{Program, machine_for, named_machine};
 use crate::progress::Progress;
 use crate::survey::{beforehand, minutes};
 use crate::{say, shop};
-use ::plan::StepKind;
-use motion::{Limits, Output, Trajectory};
+use ::plan::{Diagnostic, StepKind};
+use motion::{Limits, Output, Statistics, Trajectory};
 use serde_json::{Value, json};
 use std::path::Path;
 use units::{Machine, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Point, Setup, TICK, Transform, Vector};
@@ -85,6 +85,8 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
     }
     writer.finish().map_err(shop::failure)?;
     let s = trajectory.statistics();
+    let mut remarks = trajectory.stream().diagnostics().to_vec();
+    remarks.extend(over_limit(&s));
     let (dialect, because) = program.dialect();
     if common.json {
         print_json(&json!({
@@ -97,10 +99,10 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
             "dialect": { "name": dialect, "because": because },
             "frame": match args.frame { FrameName::Machine => "machine", FrameName::Setup => "setup" },
             "offsets": source,
-            "remarks": trajectory.stream().diagnostics(),
+            "remarks": remarks,
         }))?;
     } else {
-        for remark in trajectory.stream().diagnostics() {
+        for remark in &remarks {
             say(&remark.to_string());
         }
         say(&format!(
@@ -119,6 +121,22 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
         ));
     }
     Ok(Exit::Good)
+}
+
+/// The planner keeps back a part of each limit, and rare programs use more than all of it.
+fn over_limit(s: &Statistics) -> Option<Diagnostic> {
+    let ratios = [
+        ("speed", s.worst_speed_ratio),
+        ("acceleration", s.worst_acceleration_ratio),
+        ("jerk", s.worst_jerk_ratio.unwrap_or(0.0)),
+    ];
+    let over: Vec<String> = (ratios.iter())
+        .filter(|(_, ratio)| *ratio > 1.001)
+        .map(|(name, ratio)| format!("{name} by {:.2} %", 100.0 * (ratio - 1.0)))
+        .collect();
+    let message = format!("an axis is over its limit at the worst set-point: {}", over.join(", "));
+    let remedy = "plan with limits that are as much lower";
+    (!over.is_empty()).then(|| Diagnostic::warning("over-limit", message).remedy(remedy))
 }
 
 /// Limits from a file; what it does not say is the machine's.
@@ -179,4 +197,23 @@ fn place_of(text: &str, key: &str) -> (usize, usize) {
     let line = before.matches('\n').count() + 1;
     let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
     (line, column)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::over_limit;
+    use motion::Statistics;
+
+    #[test]
+    fn a_plan_over_a_limit_says_which_and_by_how_much() {
+        let mut s = Statistics {
+            worst_speed_ratio: 0.9995,
+            worst_acceleration_ratio: 1.0009,
+            worst_jerk_ratio: Some(1.0005),
+            ..Statistics::default()
+        };
+        assert!(over_limit(&s).is_none());
+        s.worst_jerk_ratio = Some(1.0039);
+        assert!(over_limit(&s).expect("a warning").to_string().contains("jerk by 0.39 %"));
+    }
 }

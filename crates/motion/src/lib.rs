@@ -19,8 +19,8 @@
 //!
 //! With a limit of jerk ([`Limits::j_max`]) another planner takes the place of the three stages, behind the same [`Trajectory`]: the path
 //! becomes a curve with a continuous curvature, and the window is solved for the fastest motion under speed, acceleration and jerk of each
-//! axis. The jerk holds at every instant, and so at third differences of samples. Why it is made so: `docs/decisions/0010-jerk.md`; what
-//! it reaches: `cargo bench -p motion`.
+//! axis. The jerk is looked at between samples too, and so holds at their third differences; what rare programs are over it stands in
+//! [`Statistics::worst_jerk_ratio`]. Why it is made so: `docs/decisions/0010-jerk.md`; what it reaches: `cargo bench -p motion`.
 
 mod blend;
 mod jerk;
