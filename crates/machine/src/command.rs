@@ -9,7 +9,7 @@ use units::{Rpm, StepId, ToolNumber, WorkingstepId};
 ///
 /// One whose velocity is zero is a rest: it is done, and what stands behind it begins, when the axes are in position
 /// ([`crate::MachineParameters::in_position`]).
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SetPoint {
     /// Gauge-point position of each axis, machine frame, mm.
     pub position: [f64; 3],
@@ -23,6 +23,26 @@ pub struct SetPoint {
     pub path_length: f64,
     /// Speed along the path, mm/s.
     pub path_speed: f64,
+    /// It belongs to a rapid: the rapid override is for it, not the feed override.
+    pub rapid: bool,
+    /// The override it was planned for, 1 is 100 %: the machine runs slower than the plan where the override is below this.
+    pub planned_override: f64,
+}
+
+impl Default for SetPoint {
+    /// At rest in the machine's zero, planned for 100 %.
+    fn default() -> Self {
+        SetPoint {
+            position: [0.0; 3],
+            velocity: [0.0; 3],
+            acceleration: [0.0; 3],
+            step: StepId::NONE,
+            path_length: 0.0,
+            path_speed: 0.0,
+            rapid: false,
+            planned_override: 1.0,
+        }
+    }
 }
 
 /// One entry of the stream from planner to machine, in order of execution. Everything but a set-point is done at rest.

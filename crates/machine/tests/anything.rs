@@ -75,6 +75,7 @@ impl Dice {
                 step,
                 path_length: self.number(),
                 path_speed: self.number().abs(),
+                ..SetPoint::default()
             }),
         }
     }

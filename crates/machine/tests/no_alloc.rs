@@ -72,6 +72,7 @@ fn a_whole_run_with_stops_and_faults_allocates_nothing() {
             step: StepId(2),
             path_length: 0.0,
             path_speed: (amplitude * w * libm::sin(w * t)).abs(),
+            ..SetPoint::default()
         })
     }));
     program.push(Command::Dwell { cycles: 20, step });

@@ -117,6 +117,7 @@ fn along(length: f64, speed: f64, acceleration: f64, step: u32, place: impl Fn(f
                 step: StepId(step),
                 path_length: s,
                 path_speed: v,
+                ..SetPoint::default()
             })
         })
         .collect()

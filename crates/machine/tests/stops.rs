@@ -126,6 +126,7 @@ fn circle(radius: f64, speed: f64, acceleration: f64) -> Vec<Command> {
                 step: StepId(n),
                 path_length: s,
                 path_speed: v,
+                ..SetPoint::default()
             })
         })
         .collect()

@@ -96,6 +96,7 @@ impl Sampler {
             step,
             path_length: self.path_length,
             path_speed,
+            ..SetPoint::default()
         }
     }
 

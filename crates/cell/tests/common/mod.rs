@@ -143,6 +143,7 @@ impl Writer {
                 step: StepId(self.step),
                 path_length: self.length + s,
                 path_speed: v,
+                ..SetPoint::default()
             }));
         }
         self.length += length;

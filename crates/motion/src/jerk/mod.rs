@@ -191,6 +191,7 @@ impl JerkPlanner {
             step,
             path_length: self.path_length,
             path_speed: vector::length(velocity),
+            ..SetPoint::default()
         }
     }
 

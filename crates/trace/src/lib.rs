@@ -1,0 +1,1 @@
+//! What the traceability functions of a program mean: read, checked, compiled to watches, recorded.
