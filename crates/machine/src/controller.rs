@@ -116,6 +116,8 @@ pub struct Controller {
     rate: f64,
     /// How fast that changes, 1/s.
     rate_change: f64,
+    /// The program's plan jerks more than the axes should: it was made without that limit.
+    is_jerky: bool,
     overrides: Overrides,
     /// The last cycle was no motion.
     standing: bool,
@@ -160,6 +162,7 @@ impl Controller {
             fraction: 0.0,
             rate: 1.0,
             rate_change: 0.0,
+            is_jerky: false,
             overrides: Overrides::default(),
             standing: true,
             astray: false,
@@ -211,6 +214,7 @@ impl Controller {
             self.barrier = Some((index, cause));
         }
         if let Command::SetPoint(set_point) = command {
+            self.is_jerky |= self.jerks(&set_point);
             self.tail = set_point;
         }
         Ok(())

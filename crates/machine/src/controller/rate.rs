@@ -13,15 +13,12 @@ const LEAST_RISE: f64 = 0.02;
 const SAME_RATE: f64 = 1e-6;
 /// Set-points ahead that are looked at for what bends soon, cycles: the time in which a change of the rate can be taken back.
 const BENDS_AHEAD: usize = 24;
-/// Part of the axes' jerk that a change of the rate may use beside the plan's own.
-const JERK_SHARE: f64 = 0.9;
-
-/// What a change of the rate may be: rate', 1/s, and rate'', 1/s^2.
-struct Room {
-    fall: f64,
-    rise: f64,
-    jerk: f64,
-}
+/// Part of the axes' jerk with which a change of the rate is begun and taken back; the rest is for the bends of the plan.
+const JERK_SHARE: f64 = 0.6;
+/// What is tried, from the fastest change (0) towards taking it back (1).
+const TRIED: [f64; 3] = [0.0, 0.4, 0.8];
+/// Times the limits of an axis that a change of the rate may use: where the plan uses all of them a hold could not begin otherwise.
+const OVER: f64 = 1.05;
 
 impl Controller {
     /// Chooses the rate for the end of the coming cycle; gives that of its beginning.
@@ -49,15 +46,18 @@ impl Controller {
             return target;
         }
         let before = self.rate;
-        let room = self.room(&planned);
-        let mut change = follow((before, self.rate_change), target, (-room.fall, room.rise), room.jerk, TICK.0);
+        let mut change = self.next_change(&planned, target);
         if short && target == 0.0 {
             // There is this much path and no more.
             change = change.min(-self.needed_fall());
         }
         let after = before + change * TICK.0;
-        let there = (after - target).abs() <= SAME_RATE || (target == 0.0 && after < 0.0);
-        (self.rate, self.rate_change) = if there { (target, 0.0) } else { (after, change) };
+        (self.rate, self.rate_change) = match after {
+            _ if (after - target).abs() <= SAME_RATE => (target, 0.0),
+            ..0.0 => (0.0, 0.0),
+            1.0.. => (1.0, 0.0),
+            _ => (after, change),
+        };
         before
     }
 
@@ -77,38 +77,104 @@ impl Controller {
         (share / next.planned_override).min(1.0)
     }
 
-    /// What the axes have left for a change of the rate.
-    fn room(&self, planned: &Planned) -> Room {
-        let rate = self.rate;
-        let mut room = Room {
-            fall: 1.0 / TICK.0,
-            rise: 1.0 / TICK.0,
-            jerk: 1.0 / (TICK.0 * TICK.0),
-        };
+    /// The next rate': towards the wanted rate as fast as the axes can.
+    fn next_change(&self, planned: &Planned, target: f64) -> f64 {
+        let mut jerk = 1.0 / (TICK.0 * TICK.0);
+        let (mut fall, mut rise) = (1.0 / TICK.0, 1.0 / TICK.0);
         for (k, axis) in self.parameters.axes.iter().enumerate() {
-            let (v, a_max, j_max) = (planned.velocity[k].abs(), axis.a_max.0, axis.j_max.0 * JERK_SHARE);
+            let v = planned.velocity[k].abs();
             if v > 1e-9 {
                 // The acceleration of the plan, positive along the motion.
-                let along = rate * rate * planned.acceleration[k] * planned.velocity[k].signum();
-                room.fall = room.fall.min(((a_max + along) / v).max(0.0));
-                room.rise = room.rise.min(((a_max - along) / v).max(LEAST_RISE * a_max / v));
-                room.jerk = room.jerk.min(j_max / v);
+                let along = self.rate * self.rate * planned.acceleration[k] * planned.velocity[k].signum();
+                jerk = jerk.min(JERK_SHARE * axis.j_max.0 / v);
+                fall = fall.min(((axis.a_max.0 + along) / v).max(0.0));
+                rise = rise.min(((axis.a_max.0 - along) / v).max(LEAST_RISE * axis.a_max.0 / v));
             }
-            // Where it bends, the bend changes with the rate: |3 q'' rate rate'| <= j.
-            let bend = 3.0 * self.bend_ahead(k, planned) * rate;
-            if bend > 0.0 {
-                room.fall = room.fall.min(j_max / bend);
-                room.rise = room.rise.min(j_max / bend);
+            if self.is_jerky {
+                // Nothing can be foreseen; where it bends, the bend changes with the rate: |3 q'' rate rate'| <= j.
+                let bend = 3.0 * self.bend_ahead(k, planned) * self.rate;
+                fall = fall.min(axis.j_max.0 / bend);
+                rise = rise.min(axis.j_max.0 / bend);
             }
         }
-        room
+        let fastest = follow((self.rate, self.rate_change), target, (-fall, rise), jerk, TICK.0);
+        if self.is_jerky {
+            return fastest;
+        }
+        let back = taken_back(self.rate_change, jerk);
+        let between = |part: f64| fastest + (back - fastest) * part;
+        let possible = |change: &f64| self.can_be_taken_back(*change);
+        let chosen = TRIED.into_iter().map(between).find(possible).unwrap_or(back);
+        within(chosen, -fall, rise)
+    }
+
+    /// Whether rate' may become `change` now: whether it can be taken back from there with every axis within its limits all the way. Where that was true once it stays true, because taking it back stays possible.
+    fn can_be_taken_back(&self, change: f64) -> bool {
+        let (mut rate, mut before, mut change) = (self.rate, self.rate_change, change);
+        let mut at = self.fraction;
+        let mut here = &self.here;
+        let mut path = (0..self.ahead()).map_while(|index| match self.queue.get(index) {
+            Some(command) if needs_rest(command) => None,
+            other => other,
+        });
+        let mut set_points = path.by_ref().filter_map(|command| match command {
+            Command::SetPoint(s) => Some(s),
+            _ => None,
+        });
+        let Some(mut next) = set_points.next() else {
+            return true;
+        };
+        loop {
+            let middle = rate + change * TICK.0 / 2.0;
+            let after = rate + change * TICK.0;
+            // The rate ends at 0 and at 1, whatever it changes by.
+            let ends = change != 0.0 && (after < 0.0 || after > 1.0);
+            let jerk_of_rate = (change - before) / TICK.0;
+            let mut jerk = 1.0 / (TICK.0 * TICK.0);
+            for (k, axis) in self.parameters.axes.iter().enumerate() {
+                let (a_max, j_max) = (axis.a_max.0 * OVER, axis.j_max.0 * OVER);
+                let (v, a) = (here.velocity[k], here.acceleration[k]);
+                let own = (next.acceleration[k] - a) / TICK.0;
+                // A plan without a limit of jerk is not to blame on the rate.
+                let own = if own.abs() > j_max {
+                    0.0
+                } else {
+                    own * middle * middle * middle
+                };
+                let bend = 3.0 * a * middle * change;
+                if (a * middle * middle + v * change).abs() > a_max || (own + bend + v * jerk_of_rate).abs() > j_max {
+                    return false;
+                }
+                if ends && (v * change / TICK.0).abs() > j_max * JERK_SHARE {
+                    return false;
+                }
+                if v.abs() > 1e-9 {
+                    jerk = jerk.min(JERK_SHARE * axis.j_max.0 / v.abs());
+                }
+            }
+            if change == 0.0 || ends {
+                return true;
+            }
+            at += middle;
+            while at >= 1.0 {
+                at -= 1.0;
+                here = next;
+                next = match set_points.next() {
+                    Some(s) => s,
+                    None => return true,
+                };
+            }
+            rate = after;
+            before = change;
+            change = taken_back(change, jerk);
+        }
     }
 
     /// The largest acceleration of an axis in the plan from here on for a little while, mm/s^2.
     fn bend_ahead(&self, axis: usize, planned: &Planned) -> f64 {
         let ahead = (0..BENDS_AHEAD).map_while(|index| self.queue.get(index));
         ahead.fold(planned.acceleration[axis].abs(), |most, command| match command {
-            Command::SetPoint(s) if s.acceleration[axis].abs() > most => s.acceleration[axis].abs(),
+            Command::SetPoint(s) => most.max(s.acceleration[axis].abs()),
             _ => most,
         })
     }
@@ -160,4 +226,10 @@ impl Controller {
         };
         self.rate * (v / a).max(0.625 * time) / TICK.0
     }
+}
+
+/// A rate' on its way back to 0 by `jerk` each second.
+fn taken_back(change: f64, jerk: f64) -> f64 {
+    let left = change.abs() - jerk * TICK.0;
+    if left > 0.0 { left.copysign(change) } else { 0.0 }
 }

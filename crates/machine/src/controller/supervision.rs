@@ -15,6 +15,7 @@ impl Controller {
             State::Ready => {
                 self.spindle = SpindleCommand::Stop;
                 self.coolant = CoolantOutlets::default();
+                self.is_jerky = false;
                 if event != Event::ProgramEnd {
                     self.forget_program();
                 }
