@@ -13,7 +13,7 @@ const UNHURRIED: f64 = 0.5;
 /// A joystick this near to its middle is in it.
 const MIDDLE: f64 = 0.03;
 /// How far before the end of its travel an axis stands, mm.
-const BEFORE_THE_END: f64 = 0.01;
+const BEFORE_THE_END: f64 = 0.05;
 /// An axis this near to where it goes is there, mm.
 const THERE: f64 = 0.0005;
 /// Axes in the order in which they look for their references: the tool leaves the part first.
@@ -262,14 +262,14 @@ impl Controller {
     /// The speed from which an axis can stop within `left` mm, with some of its limits left, and with the acceleration that it has now.
     fn speed_before(&self, axis: usize, direction: f64, left: f64) -> f64 {
         let limits = &self.parameters.axes[axis];
-        // Half of what is used to follow it, so that the curve is always caught up with.
-        let (a, j) = (GENTLE * GENTLE * limits.a_max.0, GENTLE * limits.j_max.0);
+        // Less than what is used to follow it, so that the curve is always caught up with.
+        let (a, j) = (GENTLE * GENTLE * limits.a_max.0, GENTLE * GENTLE * GENTLE * limits.j_max.0);
         let (speed, rise) = (
             (self.commanded_velocity[axis] * direction).max(0.0),
             (self.hand.acceleration[axis] * direction).max(0.0),
         );
         // Until the acceleration is taken back it goes on, and gets faster.
-        let time = rise / j + TICK.0;
+        let time = rise / (GENTLE * limits.j_max.0) + TICK.0;
         let left = left - speed * time - rise * time * time / 3.0;
         if left <= 0.0 {
             return 0.0;
