@@ -186,7 +186,7 @@ impl Controller {
             parameters: *parameters,
             loops: core::array::from_fn(|k| {
                 let a = &parameters.axes[k];
-                PositionLoop::new(&a.servo, &a.mechanics, a.pulses_per_mm)
+                PositionLoop::new(&a.servo, &a.mechanics, a.pulses_per_mm).by(parameters.position_law)
             }),
             state: State::Off,
             queue: Ring::new(),
