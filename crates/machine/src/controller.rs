@@ -399,6 +399,8 @@ struct Hand {
     pad: Option<PadState>,
     /// Jog feed, 0 to 255.
     feed: u8,
+    /// The joystick was in its middle since the mode changed.
+    was_in_the_middle: bool,
     /// Commanded acceleration, mm/s^2.
     acceleration: [f64; 3],
     /// The axes move by it.
