@@ -28,6 +28,17 @@
 //! `half.tick(now)`, [`machine::link::Follower::after_tick`], and every report with [`machine::link::Follower::status`] to the sending
 //! task, as [`machine::link::Follower::translated`] gives it.
 //!
-//! **Text protocol**: [`TextSender`] and [`TextReceiver`] in the same manner; their realtime side is the machine's own queue.
-//!
 //! [`scaled`] makes stop tails and the way back onto the path; [`channel`] and [`world`] are the simulated wire and its faults.
+
+pub mod channel;
+pub mod error;
+pub mod receiver;
+pub mod scaled;
+pub mod sender;
+pub mod stock;
+mod wire;
+pub mod world;
+
+pub use error::LinkError;
+pub use receiver::{Connection, LinkReceiver, MachineCard, Notice, ReceiverCounts};
+pub use sender::{LinkSender, SenderStatus};

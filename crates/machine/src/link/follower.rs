@@ -5,7 +5,7 @@
 //! it decides from what is there, and if the receiving task dies, the tail is in the machine's queue already.
 
 use super::message::{Entry, Status, Urgent};
-use crate::controller::QUEUE;
+use crate::controller::{Counters, QUEUE};
 use crate::drive::CyclicDrive;
 use crate::realtime::{RealtimeHalf, Report};
 use crate::ring::Ring;
@@ -44,7 +44,12 @@ pub enum UrgentOrder {
     /// From the sender.
     Urgent(Urgent),
     /// A sender that the machine does not know is there: what is queued is not its own.
-    NewSession,
+    NewSession {
+        /// Its session.
+        session: u32,
+        /// It sends the plan that was being executed: what is done of it is done.
+        same_plan: bool,
+    },
     /// The sender is silent, or has gone: a controlled stop.
     LinkLost,
     /// It is back in its own session.
@@ -70,6 +75,8 @@ pub struct Follower {
     /// What of the machine's counters was accounted for.
     completed: u64,
     discarded: u64,
+    /// What was counted before the plan.
+    before: Counters,
     lost: bool,
     /// The stop tail was used: when it has come to rest the machine is held.
     on_tail: bool,
@@ -96,11 +103,13 @@ impl Follower {
                 done: None,
                 path_length: 0.0,
                 needs_resume: true,
+                session: 0,
                 reports: 0,
                 lost_reports: 0,
             },
             completed: 0,
             discarded: 0,
+            before: ZERO,
             lost: true,
             on_tail: false,
             too_late: 0,
@@ -166,9 +175,14 @@ impl Follower {
                     };
                 }
             }
-            UrgentOrder::NewSession => {
+            UrgentOrder::NewSession { session, same_plan } => {
+                self.status.session = session;
                 self.status.needs_resume = true;
                 self.lost = false;
+                if !same_plan {
+                    (self.status.done, self.status.path_length) = (Some(0), 0.0);
+                    self.before = half.controller().counters();
+                }
                 hold(half);
             }
             UrgentOrder::LinkLost => {
@@ -185,7 +199,10 @@ impl Follower {
         if self.tail > 0 && self.marks.len() < self.tail {
             self.use_tail();
         }
-        if half.controller().is_idle() && (self.on_tail || self.lost) && half.controller().state() == State::Waiting(Wait::Commands) {
+        if half.controller().is_idle()
+            && (self.on_tail || self.lost)
+            && half.controller().state() == State::Waiting(Wait::Commands)
+        {
             // A stop that nobody asked for ends as one that somebody did: only cycle start leads on.
             half.request(Request::Hold);
         }
@@ -196,9 +213,9 @@ impl Follower {
         self.status
     }
 
-    /// A report as the sender shall see it: its counts are those of the plan.
+    /// A report as the sender shall see it: its counts are those of the plan, and of nothing before it.
     pub fn translated(&self, report: Report) -> Report {
-        let mut counters = report.counters;
+        let mut counters = since(&report.counters, &self.before);
         if let Some(done) = self.status.done {
             counters.completed = done;
         }
@@ -250,6 +267,40 @@ impl Follower {
         }
         let in_body = self.status.taken;
         self.status.executed = self.status.executed.min(in_body);
+    }
+}
+
+const ZERO: Counters = Counters {
+    accepted: 0,
+    completed: 0,
+    discarded: 0,
+    late_ticks: 0,
+    late_gaps: 0,
+    starved_ticks: 0,
+    starvations: 0,
+    off_path_stops: 0,
+    bridged_readings: 0,
+    following_warnings: 0,
+    in_position_time_outs: 0,
+    spindle_limited: 0,
+};
+
+/// What was counted between two moments.
+fn since(now: &Counters, before: &Counters) -> Counters {
+    Counters {
+        // Stop tails are taken back, so this one can fall.
+        accepted: now.accepted.saturating_sub(before.accepted),
+        completed: now.completed - before.completed,
+        discarded: now.discarded - before.discarded,
+        late_ticks: now.late_ticks - before.late_ticks,
+        late_gaps: now.late_gaps - before.late_gaps,
+        starved_ticks: now.starved_ticks - before.starved_ticks,
+        starvations: now.starvations - before.starvations,
+        off_path_stops: now.off_path_stops - before.off_path_stops,
+        bridged_readings: now.bridged_readings - before.bridged_readings,
+        following_warnings: now.following_warnings - before.following_warnings,
+        in_position_time_outs: now.in_position_time_outs - before.in_position_time_outs,
+        spindle_limited: now.spindle_limited - before.spindle_limited,
     }
 }
 

@@ -99,7 +99,9 @@ impl LimitsHash {
             .axes
             .iter()
             .flat_map(|a| [a.lowest.0, a.highest.0, a.v_max.0, a.a_max.0, a.pulses_per_mm]);
-        let hash = axes.chain([machine.spindle.highest.0]).flat_map(|n| n.to_bits().to_le_bytes());
+        let hash = axes
+            .chain([machine.spindle.highest.0])
+            .flat_map(|n| n.to_bits().to_le_bytes());
         LimitsHash(hash.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
             (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
         }))
@@ -158,7 +160,9 @@ pub struct Welcome {
     pub plan: PlanId,
     /// True when the machine keeps what the sender sent in this session before.
     pub continues: bool,
-    /// The entry that is wanted next, when it continues.
+    /// The epoch that is being received, when it continues.
+    pub epoch: u32,
+    /// The entry of it that is wanted next.
     pub wanted: u64,
     /// How far everything is.
     pub status: Status,
@@ -170,6 +174,7 @@ wire_struct!(Welcome {
     session,
     plan,
     continues,
+    epoch,
     wanted,
     status,
 });
@@ -268,6 +273,8 @@ wire_enum!(Urgent {
 /// How far everything is, in every reports and heartbeat frame from the controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Status {
+    /// The session that the realtime thread knows of.
+    pub session: u32,
     /// The epoch that is being executed.
     pub epoch: u32,
     /// Entries of it that the machine has in its queue or has done.
@@ -287,6 +294,7 @@ pub struct Status {
     pub lost_reports: u64,
 }
 wire_struct!(Status {
+    session,
     epoch,
     taken,
     executed,
@@ -333,5 +341,11 @@ pub fn small_frame(kind: Kind, session: u32, sequence: u32, acknowledged: u32, m
     (bytes, length)
 }
 
-const _: () = assert!((BLOCK + TAIL) * 128 < FRAME, "a block of the longest entries fits into a frame");
-const _: () = assert!(LOOK_AHEAD as usize + TAIL < crate::QUEUE, "what may be under way fits into the machine's queue");
+const _: () = assert!(
+    (BLOCK + TAIL) * 128 < FRAME,
+    "a block of the longest entries fits into a frame"
+);
+const _: () = assert!(
+    LOOK_AHEAD as usize + TAIL < crate::QUEUE,
+    "what may be under way fits into the machine's queue"
+);

@@ -116,7 +116,10 @@ impl Text {
 
 impl core::fmt::Write for Text {
     fn write_str(&mut self, text: &str) -> core::fmt::Result {
-        let place = self.bytes.get_mut(self.length..self.length + text.len()).ok_or(core::fmt::Error)?;
+        let place = self
+            .bytes
+            .get_mut(self.length..self.length + text.len())
+            .ok_or(core::fmt::Error)?;
         place.copy_from_slice(text.as_bytes());
         self.length += text.len();
         Ok(())
@@ -399,7 +402,11 @@ fn read_line(line: &[u8]) -> Result<Line, Misread> {
         b'H' => nothing_more(Line::Home),
         b'#' => nothing_more(Line::OperationEnds),
         b'J' => Ok(Line::Jog(axis(rest)?)),
-        b'M' => Ok(if switch(rest)? { Line::MachiningBegins } else { Line::MachiningEnds }),
+        b'M' => Ok(if switch(rest)? {
+            Line::MachiningBegins
+        } else {
+            Line::MachiningEnds
+        }),
         b'P' => Ok(Line::OperationBegins { coolant: switch(rest)? }),
         b'S' => byte(line).map(Line::Spindle),
         b'F' => byte(line).map(Line::JogFeed),
