@@ -93,8 +93,8 @@ fn a_late_wire_makes_the_run_later_and_not_another() {
 
 // -- faults
 
-use cell::link::world::LinkFault;
 use cell::Output;
+use cell::link::world::LinkFault;
 use machine::{Command, Report, SetPoint, State};
 use units::Tick;
 
@@ -169,7 +169,11 @@ impl<'a> Judge<'a> {
             let d: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
             let t: [f64; 3] = std::array::from_fn(|k| p[k] - a[k]);
             let length: f64 = d.iter().map(|x| x * x).sum();
-            let u = if length > 0.0 { (0..3).map(|k| t[k] * d[k]).sum::<f64>() / length } else { 0.0 };
+            let u = if length > 0.0 {
+                (0..3).map(|k| t[k] * d[k]).sum::<f64>() / length
+            } else {
+                0.0
+            };
             let u = u.clamp(0.0, 1.0);
             let beside = (0..3).map(|k| (t[k] - u * d[k]).powi(2)).sum::<f64>().sqrt();
             if beside < best.1 - 1e-9 {
@@ -189,7 +193,12 @@ impl<'a> Judge<'a> {
         v.off_path_stops = report.counters.off_path_stops;
         // Drives that were left alone for too long stop by themselves, and not on the path.
         v.left_alone += u64::from(report.state == State::Fault(machine::FaultCause::Drive));
-        let begins = |s: State| matches!(s, State::Holding | State::Stopping(_) | State::Held | State::WaitingThenHold(_));
+        let begins = |s: State| {
+            matches!(
+                s,
+                State::Holding | State::Stopping(_) | State::Held | State::WaitingThenHold(_)
+            )
+        };
         let stopped = self.before.is_some_and(|b| !begins(b.state)) && begins(report.state);
         v.stops += u64::from(stopped);
         let p = report.sample.commanded;
@@ -260,7 +269,10 @@ fn machined(faults: Vec<LinkFault>, seed: u64, delay: (u64, u64), tell: bool) ->
         judge.verdict.left_alone += world.left_alone;
         let mut seen = |report: &Report| {
             if tell && report.state != before {
-                println!("{:6} {:?} at {:?}", report.sample.tick.0, report.state, report.sample.commanded);
+                println!(
+                    "{:6} {:?} at {:?}",
+                    report.sample.tick.0, report.state, report.sample.commanded
+                );
                 before = report.state;
             }
             judge.see(report);
@@ -268,7 +280,13 @@ fn machined(faults: Vec<LinkFault>, seed: u64, delay: (u64, u64), tell: bool) ->
         ended = world.advance(&mut (), &mut seen);
     }
     if tell {
-        println!("{:?} at {}\n{:?}\n{:?}", ended, world.now().0, world.sender().map(|s| s.status()), world.follower().status());
+        println!(
+            "{:?} at {}\n{:?}\n{:?}",
+            ended,
+            world.now().0,
+            world.sender().map(|s| s.status()),
+            world.follower().status()
+        );
     }
     let mut v = judge.verdict;
     v.ended = ended;
@@ -280,8 +298,20 @@ fn machined(faults: Vec<LinkFault>, seed: u64, delay: (u64, u64), tell: bool) ->
 #[test]
 fn a_stall_of_100_ms_is_not_felt() {
     for at in [500, 900, 1200, 2500] {
-        let v = machined(vec![LinkFault::Stall { at: Tick(at), ticks: 100 }], 1, (1, 3), false);
-        assert_eq!((v.ended, v.scaled, v.beside, v.stops, v.resumed), (Some(Ended::Completed), 0, 0, 0, 0), "at {at}");
+        let v = machined(
+            vec![LinkFault::Stall {
+                at: Tick(at),
+                ticks: 100,
+            }],
+            1,
+            (1, 3),
+            false,
+        );
+        assert_eq!(
+            (v.ended, v.scaled, v.beside, v.stops, v.resumed),
+            (Some(Ended::Completed), 0, 0, 0, 0),
+            "at {at}"
+        );
     }
 }
 
@@ -289,9 +319,17 @@ fn a_stall_of_100_ms_is_not_felt() {
 fn a_cut_is_a_controlled_stop_on_the_path_and_the_part_is_finished_after_it() {
     for at in [700, 900, 1200, 1500, 2500, 3300] {
         for noticed in [true, false] {
-            let fault = LinkFault::Cut { at: Tick(at), ticks: 1500, noticed };
+            let fault = LinkFault::Cut {
+                at: Tick(at),
+                ticks: 1500,
+                noticed,
+            };
             let v = machined(vec![fault], 1, (1, 3), false);
-            assert_eq!((v.ended, v.beside, v.off_path_stops, v.resumed), (Some(Ended::Completed), 0, 0, 1), "at {at}");
+            assert_eq!(
+                (v.ended, v.beside, v.off_path_stops, v.resumed),
+                (Some(Ended::Completed), 0, 0, 1),
+                "at {at}"
+            );
         }
     }
 }

@@ -399,7 +399,9 @@ impl<'a> Scaler<'a> {
     fn smoothness(&self, phase: f64) -> f64 {
         let from = libm::floor(phase) as u64;
         let near = (from..from + LOOKED_AT).map_while(|cycle| self.stock.set_point(cycle));
-        let fastest = near.fold([1e-9f64; 3], |most, (s, _)| std::array::from_fn(|k| most[k].max(s.velocity[k].abs())));
+        let fastest = near.fold([1e-9f64; 3], |most, (s, _)| {
+            std::array::from_fn(|k| most[k].max(s.velocity[k].abs()))
+        });
         let jerk = (0..3).map(|k| JERK_SHARE * self.jerks[k] * TICK.0 * TICK.0 / fastest[k]);
         jerk.fold(0.1, f64::min).max(1e-6)
     }

@@ -359,7 +359,11 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
         if self.ending && self.last.is_some_and(|r| r.state == State::Off) {
             self.ending = false;
             self.end_controller();
-        } else if self.ending && self.last.is_some_and(|r| r.state == State::Ready || matches!(r.state, State::Stopped(_))) {
+        } else if self.ending
+            && self
+                .last
+                .is_some_and(|r| r.state == State::Ready || matches!(r.state, State::Stopped(_)))
+        {
             self.realtime.request(Request::PowerOff);
         }
     }
