@@ -46,7 +46,8 @@ impl Operator {
 
     /// The level in force: a lapsed qualification counts as 10, a level that was taken away is none.
     pub fn level_at(&self, now: Timestamp) -> Option<Level> {
-        self.level.map(|level| if self.has_lapsed(now) { Level::LOWEST } else { level })
+        self.level
+            .map(|level| if self.has_lapsed(now) { Level::LOWEST } else { level })
     }
 }
 
@@ -149,7 +150,11 @@ pub fn may_assign(people: &[Operator], after: &Operator, by: Option<Level>) -> R
     }
     let endless = |person: &Operator| person.level == Some(Level::HIGHEST) && person.qualified_until.is_none();
     if people.is_empty() {
-        return if endless(after) { Ok(()) } else { Err(AssignError::FirstIsHighest) };
+        return if endless(after) {
+            Ok(())
+        } else {
+            Err(AssignError::FirstIsHighest)
+        };
     }
     let before = people.iter().find(|p| p.name == after.name);
     let own = by.unwrap_or(Level::LOWEST);
@@ -192,7 +197,10 @@ mod tests {
         let people = [person("Maria", 1), person("Jo", 2)];
         check(&people, &person("Maria", 3), 1, "the last operator of level 1");
         check(&people, &dated, 1, "the last operator of level 1");
-        let gone = Operator { level: None, ..person("Maria", 1) };
+        let gone = Operator {
+            level: None,
+            ..person("Maria", 1)
+        };
         check(&people, &gone, 1, "the last operator of level 1");
         let two = [person("Maria", 1), person("Jo", 1)];
         check(&two, &gone, 1, "allowed");
@@ -214,12 +222,20 @@ mod tests {
         let people = [person("Maria", 1)];
         check(&people, &person("MARIA", 5), 1, "there is an operator Maria already");
         assert_eq!(checked_name("  Jörg Ø 李  "), Ok("Jörg Ø 李".to_owned()));
-        assert_eq!(checked_name("Robert'); DROP TABLE operators;--"), Ok("Robert'); DROP TABLE operators;--".to_owned()));
+        assert_eq!(
+            checked_name("Robert'); DROP TABLE operators;--"),
+            Ok("Robert'); DROP TABLE operators;--".to_owned())
+        );
         assert_eq!(checked_name(" \t "), Err(NameError::Empty));
         for odd in ["Ma\u{200b}ria", "Maria\u{202e}", "a\nb", "nul\0", "\u{feff}Maria"] {
             assert!(matches!(checked_name(odd), Err(NameError::Unseen(_))), "{odd:?}");
         }
-        for taken in ["local", "LOCAL", "root (authenticated by the system)", "somebody at the control"] {
+        for taken in [
+            "local",
+            "LOCAL",
+            "root (authenticated by the system)",
+            "somebody at the control",
+        ] {
             assert!(matches!(checked_name(taken), Err(NameError::Reserved(_))), "{taken:?}");
         }
         assert!(matches!(checked_name(&"x".repeat(81)), Err(NameError::TooLong(81))));
