@@ -312,6 +312,9 @@ P is #id, or names joined by / that end at the part: 'WS 1 face', 'PLATE MAIN/WS
 picks the second of equals. When a path could mean several parts, they are listed and nothing is written (exit 2).
 Changes are made in the order in which they are given. No change gives the same bytes; a change and its opposite give them back. A
 signed file that is changed loses its signature, and that is said. What others still use stays when a part is deleted.
+Each part has an edit access level: of `trace:1 set_edit_access_level` before it, or of its security classification, the stronger one;
+else 10. An operator edits parts of that number and higher ones, and gives, lowers or takes away no level stronger than the own one; else
+it is T-11, exit 1, and nothing is written. Every edit is an event with both hashes. Where there are operators it needs --reason.
   toolmark edit plate.stpnc --out plate2.stpnc --disable 'WS 4 deburr' --feed 'WS 2 pocket=900'
   toolmark edit plate.stpnc --out plate2.stpnc --insert 'WS 1 face' 'trace:1 get_time' --move 'WS 3 drill=WS 2 pocket'
   toolmark edit plate.stpnc --out plate2.stpnc --insert 'WS 1 face' 'workplan: HOLES' --move 'WS 3 drill=HOLES/'";
@@ -373,6 +376,24 @@ pub enum FrameName {
     Machine,
 }
 
+/// What happens with a program that was edited outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PolicyName {
+    /// It is said and recorded, and the program runs.
+    Warn,
+    /// It is said and recorded, and nothing moves.
+    Refuse,
+}
+
+impl From<PolicyName> for store::machine_file::EditedOutside {
+    fn from(name: PolicyName) -> Self {
+        match name {
+            PolicyName::Warn => Self::Warn,
+            PolicyName::Refuse => Self::Refuse,
+        }
+    }
+}
+
 /// `toolmark run`
 #[derive(Debug, Args)]
 pub struct RunArgs {
@@ -391,6 +412,10 @@ pub struct RunArgs {
     /// Verdict: deviation allowed where the program gives none, mm.
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
+    /// A program that was edited outside since its last edit or run here: warn, or refuse it [default: the machine file's, else warn].
+    /// Against a machine file that refuses, `warn` takes level 3 and --reason.
+    #[arg(long, value_name = "POLICY", value_enum)]
+    pub edited_outside: Option<PolicyName>,
     /// Wrong set-up, for practice: the n-th workingstep runs with its work offset shifted by X,Y,Z mm; simulated machines only.
     #[arg(long, value_name = "N:X,Y,Z")]
     pub plant_shift: Option<String>,

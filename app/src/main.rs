@@ -5,6 +5,7 @@
 mod cli;
 mod clock;
 mod commands;
+mod cycle_start;
 mod execution;
 mod failure;
 mod files;

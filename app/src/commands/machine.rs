@@ -259,7 +259,11 @@ fn of_file(told: &Told, file: &str, live: &mut BTreeMap<String, (f64, u64)>, eve
     let in_line = Shown {
         key: told.key.clone(),
         value: told.value.clone(),
-        from: format!("{file}:{}", told.line),
+        from: format!(
+            "{}:{}",
+            Path::new(file).file_name().map_or(file.into(), |n| n.to_string_lossy()),
+            told.line
+        ),
         line: Some(told.line),
         event: None,
         in_file: None,
