@@ -155,26 +155,9 @@ fn odd_names_are_names_and_names_that_deceive_are_refused() {
     ];
     for name in odd {
         shop.good(&["operator", "add", "--level", "5", "--operator", "Maria", "--", name]);
-        shop.good(&[
-            "tool",
-            "set",
-            "5",
-            "--wear-z",
-            "-0.01",
-            "--reason",
-            name,
-            &format!("--operator={name}"),
-        ]);
-        shop.good(&[
-            "tool",
-            "set",
-            "5",
-            "--wear-z",
-            "0",
-            "--reason",
-            name,
-            &format!("--operator={name}"),
-        ]);
+        let (who, why) = (format!("--operator={name}"), format!("--reason={name}"));
+        shop.good(&["tool", "set", "5", "--wear-z", "-0.01", &why, &who]);
+        shop.good(&["tool", "set", "5", "--wear-z", "0", &why, &who]);
     }
     assert_eq!(
         shop.json(&["operator", "list"])["operators"].as_array().map(Vec::len),
@@ -678,6 +661,16 @@ fn a_change_is_taken_back_until_a_program_has_run_with_it() {
     );
     shop.good(&["tool", "undo", &two, "--reason", "slip"]);
     assert_eq!(shop.json(&["tool", "list"])["tools"][4]["wear_mm"]["z"], -0.1);
+    // What was never there has nothing to go back to, and a diameter of 0 is none.
+    let lathe = ["--machine", "sim-lathe"];
+    let made = shop.json(&[&["tool", "set", "4", "--diameter", "30", "--reason", "x"][..], &lathe].concat());
+    let made = made["changes"][0]["event"].to_string();
+    shop.refused(
+        1,
+        &[&["tool", "undo", &made, "--reason", "x"][..], &lathe].concat(),
+        "was not set before",
+    );
+    shop.good(&[&["tool", "list"][..], &lathe].concat());
     let three = set("-0.3");
     shop.good(&["run", PLATE, "--fast"]);
     shop.refused(

@@ -342,6 +342,12 @@ pub fn undo(machine: &MachineFile, sequence: u64, what: &str, common: &Common) -
             "event {sequence} is the first value, from the machine file: set another one"
         )));
     }
+    if applied.before.is_none() && matches!(register, Register::ToolDiameter(_)) {
+        return Err(negative(format!(
+            "{} was not set before event {sequence}, and a diameter of 0 is none: set the right one",
+            applied.register
+        )));
+    }
     let present = directory.value(&applied.register).map_err(shop::failure)?;
     let cut = directory.has_run_since(&machine.name, sequence).map_err(shop::failure)?;
     let reason = common.reason.clone().unwrap_or_default();
