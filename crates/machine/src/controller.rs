@@ -18,6 +18,7 @@ mod path;
 mod rate;
 mod supervision;
 mod switching;
+mod withdraw;
 
 use crate::drive::{AxisOrder, DriveMode, DriveOrders, Feedback};
 use crate::overrides::Overrides;

@@ -5,7 +5,7 @@
 //!
 //! Read on: [`command`] for what comes in, [`sample`] for what goes out and what a record's columns are, [`state`] for the table of
 //! states, [`controller`] for stopping on the path and supervision, [`drive`] for the border to real and simulated drives, [`plant`] for
-//! the simulated ones, [`realtime`] for all of it in one cycle.
+//! the simulated ones, [`realtime`] for all of it in one cycle, [`link`] for what comes and goes over a wire.
 
 #![no_std]
 
@@ -13,6 +13,7 @@ pub mod command;
 pub mod controller;
 pub mod drive;
 mod follow;
+pub mod link;
 pub mod overrides;
 pub mod pad;
 pub mod parameters;
