@@ -321,7 +321,8 @@ impl TextReceiver {
             let (line, what) = (self.line, TextRule::Machining);
             return self.give_up(TextStop::Rule { line, what });
         }
-        self.forget();
+        // What was said before is still to be done.
+        self.begin_motion();
         (self.machining, self.given_up) = (true, false);
     }
 
@@ -338,6 +339,10 @@ impl TextReceiver {
 
     fn forget(&mut self) {
         self.orders.clear();
+        self.begin_motion();
+    }
+
+    fn begin_motion(&mut self) {
         self.before.clear();
         self.places.clear();
         self.velocity = [0.0; 3];
