@@ -145,6 +145,9 @@ impl TextWorld {
         while let Some(notice) = self.receiver.notice() {
             self.notices.push(notice);
         }
+        if std::env::var("TELL").is_ok() && self.last.is_none_or(|l| l.state != report.state || (l.sample.commanded[2] - report.sample.commanded[2]).abs() > 0.2) {
+            println!("{:6} {:?} {:?} {:?}", report.sample.tick.0, report.state, report.sample.commanded, report.sample.actual);
+        }
         self.last = Some(report);
         Some(report)
     }
@@ -597,6 +600,7 @@ fn a_damaged_text_link_ends_in_a_defined_stop_and_what_cannot_be_noticed_is_coun
         row.wrong_switching += u64::from(wrong_switching);
         row.unnoticed += u64::from((wrong_path || wrong_switching) && !told);
         if seeds.len() == 1 {
+            println!("{:?}", world.last);
             println!(
                 "{kind:?} at {at}: {state:?}, {furthest} mm, {:?} {:?}",
                 world.notices, world.spindle
