@@ -136,7 +136,7 @@ impl Dice {
 fn check(seed: u64) -> std::collections::BTreeSet<&'static str> {
     let mut dice = Dice(ChaCha8Rng::seed_from_u64(seed));
     let parameters = MachineParameters {
-        absolute_encoders: seed % 3 > 0,
+        absolute_encoders: !seed.is_multiple_of(3),
         tool_change_at: (seed % 4 < 2).then_some([Millimetres(0.01), Millimetres(0.0), Millimetres(0.02)]),
         ..MachineParameters::small_machining_centre()
     };
@@ -159,7 +159,7 @@ fn check(seed: u64) -> std::collections::BTreeSet<&'static str> {
                 ),
             }
         }
-        if seed % 4 == 0 && dice.up_to(100) == 0 {
+        if seed.is_multiple_of(4) && dice.up_to(100) == 0 {
             let pad = dice.pad();
             controller.look_at_pad(pad);
         }

@@ -164,6 +164,9 @@ impl Controller {
                 if !stopping && !self.is_back_from_tool_change() {
                     return self.wait(Wait::ToolBack, 0, work.tool);
                 }
+                if self.hand.lengthened != 0.0 && !stopping {
+                    self.go_on_from_tool_change();
+                }
             }
             Wait::ToolBack => self.go_on_from_tool_change(),
             _ => {}
