@@ -107,8 +107,16 @@ impl<'a> Guard<'a> {
             stepnc::Program::read(&self.program.name, bytes)
                 .map_err(|error| Failure::unreadable(format_args!("{}: {error}", self.program.path.display())))
         };
-        let after = read(bytes.clone())?;
-        let (old, new) = (levels_of(before), levels_of(&after));
+        let (old, mut after) = (levels_of(before), read(bytes.clone())?);
+        let (mut new, mut bytes) = (levels_of(&after), bytes);
+        let classes = reclassified(&old, &new);
+        if !classes.is_empty() {
+            let mut edits = ProgramEdits::new(&after);
+            edits.classify(&classes).map_err(|error| super::refused(change, error))?;
+            bytes = edits.save().map_err(|error| super::refused(change, error))?.bytes;
+            after = read(bytes.clone())?;
+            new = levels_of(&after);
+        }
         let touched = touched(before, change);
         let asked = needed((before, &old), (&after, &new), &touched);
         let level = Level::new(asked.level).unwrap_or(Level::HIGHEST);
@@ -153,19 +161,13 @@ impl<'a> Guard<'a> {
             told["before"] = words_of(before, *part, change);
             told["after"] = words_of(&after, *part, change);
         }
-        let classes = reclassified(&old, &new);
-        if classes.is_empty() {
-            self.told.push(told);
-            return Ok(bytes);
+        if !classes.is_empty() {
+            told["classified"] = (classes.iter())
+                .map(|(id, level)| json!({ "part": id, "level": level }))
+                .collect();
         }
-        told["classified"] = classes
-            .iter()
-            .map(|(id, level)| json!({ "part": id, "level": level }))
-            .collect();
         self.told.push(told);
-        let mut edits = ProgramEdits::new(&after);
-        edits.classify(&classes).map_err(|error| super::refused(change, error))?;
-        Ok(edits.save().map_err(|error| super::refused(change, error))?.bytes)
+        Ok(bytes)
     }
 
     /// Writes the edited file, with its event before it takes its name.
