@@ -299,8 +299,11 @@ fn nodes() -> impl Strategy<Value = Vec<Node>> {
 /// Kind of edit, which part, where to, and what for.
 type Asked = (u8, usize, usize, usize);
 
+/// What an edit names, and whether what is below it counts too.
+type Touched = Vec<(Part, bool)>;
+
 /// Tries an edit; `None` when it cannot be made.
-fn edited(before: &Program, asked: Asked) -> Option<(Vec<u8>, Vec<(Part, bool)>)> {
+fn edited(before: &Program, asked: Asked) -> Option<(Vec<u8>, Touched)> {
     let mut all = Vec::new();
     before.walk(before.projects().first()?.main_workplan, &mut |executable, _| {
         all.push(executable.id)

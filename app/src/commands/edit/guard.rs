@@ -58,6 +58,8 @@ pub struct Guard<'a> {
     program: &'a Program,
     /// The named differences so far.
     pub told: Vec<Value>,
+    /// The program as the last change left it.
+    last: Option<stepnc::Program>,
     /// A sentence about the file when it was edited outside before.
     pub edited_outside: Option<String>,
 }
@@ -94,6 +96,7 @@ impl<'a> Guard<'a> {
             why,
             program,
             told: Vec::new(),
+            last: None,
             edited_outside,
         })
     }
@@ -167,6 +170,7 @@ impl<'a> Guard<'a> {
                 .collect();
         }
         self.told.push(told);
+        self.last = Some(after);
         Ok(bytes)
     }
 
@@ -187,7 +191,9 @@ impl<'a> Guard<'a> {
         file.write_all(after).and_then(|()| file.flush()).map_err(|e| writing(&e))?;
         let mut by: BTreeMap<String, Value> = self.acting.detail();
         by.insert("why".to_owned(), self.why.as_str().into());
-        by.insert("instances".to_owned(), instances(&self.program.name, before, after));
+        if let (Some(first), Some(last)) = (self.program.step_nc(), &self.last) {
+            by.insert("instances".to_owned(), instances(first, last));
+        }
         let event = self.directory.keep_edit(&ProgramEdit {
             from: &self.program.path,
             to: &place,
@@ -301,33 +307,39 @@ fn parents(program: &stepnc::Program, id: u64) -> Vec<String> {
     found
 }
 
-/// How many changed instances are written out whole.
+/// How many changed instances are written out, and how much of each.
 const MOST_INSTANCES: usize = 100;
+const MOST_OF_EACH: usize = 1000;
 
 /// The instances that differ, as the file spells them: the difference to the last byte of the data.
-fn instances(name: &str, before: &[u8], after: &[u8]) -> Value {
-    let read = |bytes: &[u8]| stepnc::Program::read(name, bytes.to_vec()).ok();
-    let (Some(before), Some(after)) = (read(before), read(after)) else {
-        return Value::Null;
-    };
-    fn text(program: &stepnc::Program, id: u64) -> Option<String> {
+fn instances(before: &stepnc::Program, after: &stepnc::Program) -> Value {
+    fn text(program: &stepnc::Program, id: u64) -> Option<&[u8]> {
         let file = program.file();
-        let span = file.span(file.row(id)?);
-        Some(String::from_utf8_lossy(&file.bytes()[span]).into_owned())
+        Some(&file.bytes()[file.span(file.row(id)?)])
     }
+    let shown = |bytes: Option<&[u8]>| {
+        bytes.map(|bytes| {
+            let text = String::from_utf8_lossy(&bytes[..bytes.len().min(MOST_OF_EACH)]);
+            if bytes.len() > MOST_OF_EACH {
+                format!("{text}...")
+            } else {
+                text.into_owned()
+            }
+        })
+    };
     let ids = |program: &stepnc::Program| -> Vec<u64> {
         let file = program.file();
         file.rows().map(|row| file.id(row)).collect()
     };
-    let all: std::collections::BTreeSet<u64> = ids(&before).into_iter().chain(ids(&after)).collect();
+    let all: std::collections::BTreeSet<u64> = ids(before).into_iter().chain(ids(after)).collect();
     let mut count = 0;
     let mut differing = Vec::new();
     for id in all {
-        let (old, new) = (text(&before, id), text(&after, id));
+        let (old, new) = (text(before, id), text(after, id));
         if old != new {
             count += 1;
             if differing.len() < MOST_INSTANCES {
-                differing.push(json!({ "id": id, "before": old, "after": new }));
+                differing.push(json!({ "id": id, "before": shown(old), "after": shown(new) }));
             }
         }
     }
