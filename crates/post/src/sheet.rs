@@ -25,6 +25,8 @@ pub struct Paper {
     pub comment: (&'static str, &'static str),
     /// Letters of comments and messages.
     pub letters: Letters,
+    /// Around parts of expressions.
+    pub brackets: (&'static str, &'static str),
     /// Every line begins with its number, from 0.
     pub numbered: bool,
     /// Largest number of a label.
@@ -70,8 +72,8 @@ pub struct Modal {
     pub length_on: bool,
     /// The tool in the spindle.
     pub tool: Option<u32>,
-    /// Revolutions, or surface speed.
-    pub surface: Option<bool>,
+    /// A tolerance of the path is set.
+    pub tolerance_on: bool,
 }
 
 impl Modal {
@@ -81,6 +83,7 @@ impl Modal {
             length: self.length.take(),
             length_on: self.length_on,
             tool: self.tool,
+            tolerance_on: self.tolerance_on,
             ..Modal::default()
         };
     }
@@ -96,11 +99,14 @@ pub struct Sheet<'s> {
     pub modal: Modal,
     /// Open branches and loops, outer first.
     pub ways: Vec<Way>,
+    /// Numbers that belong to what is under way, by a name of the control's own choice.
+    pub notes: BTreeMap<String, Vec<u32>>,
+    /// Texts that belong to them.
+    pub texts: BTreeMap<String, Vec<String>>,
     variables: BTreeMap<String, u32>,
     labels: u32,
     alone: u32,
     lines: u64,
-    digest: u64,
     notices: Vec<String>,
     unverified: Vec<String>,
     refused: Option<Refusal>,
@@ -126,11 +132,12 @@ impl<'s> Sheet<'s> {
             turning,
             modal: Modal::default(),
             ways: Vec::new(),
+            notes: BTreeMap::new(),
+            texts: BTreeMap::new(),
             variables: BTreeMap::new(),
             labels: 0,
             alone: 0,
             lines: 0,
-            digest: 0xcbf2_9ce4_8422_2325,
             notices: Vec::new(),
             unverified: Vec::new(),
             refused: None,
@@ -157,9 +164,6 @@ impl<'s> Sheet<'s> {
                 ),
                 "use shorter names, or fewer axes or sensors in one function",
             ));
-        }
-        for byte in line.bytes() {
-            self.digest = (self.digest ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
         }
         (self.out)(&format!("{line}{}", self.paper.line_end));
         self.lines += 1;
@@ -202,10 +206,13 @@ impl<'s> Sheet<'s> {
     /// # Errors
     /// It is no number that the control reads.
     pub fn number(&self, value: f64, decimals: Decimals) -> Result<String, Refusal> {
-        decimals
-            .write(value)
-            .filter(|_| value.abs() <= 1e9)
-            .ok_or_else(|| Refusal::new("number", format!("{value} is no number that a control reads"), "correct the program"))
+        decimals.write(value).filter(|_| value.abs() <= 1e12).ok_or_else(|| {
+            Refusal::new(
+                "number",
+                format!("{value} is no number that a control reads"),
+                "correct the program",
+            )
+        })
     }
 
     /// Says something about the program as a whole, once.
@@ -257,11 +264,6 @@ impl<'s> Sheet<'s> {
     /// Lines written so far.
     pub fn lines(&self) -> u64 {
         self.lines
-    }
-
-    /// A number that is the same for the same lines.
-    pub fn digest(&self) -> u64 {
-        self.digest
     }
 
     /// What was said about the program as a whole, and what has to be verified.

@@ -30,6 +30,21 @@ pub enum Statement<'s> {
         /// Degrees from the spindle's mark; `None` follows on.
         start: Option<f64>,
     },
+    /// A tapped hole along Z; the tool is above it, and there again afterwards.
+    Tap {
+        /// Depth, in units of words.
+        bottom: i64,
+        /// Where the tool comes out.
+        back: i64,
+        /// X and Y.
+        at: [i64; 2],
+        /// mm for each revolution.
+        pitch: f64,
+        /// A left-hand thread.
+        left: bool,
+        /// rev/min.
+        speed: f64,
+    },
     /// Axes to machine coordinates, mm, at rapid; X of a lathe as a diameter.
     Machine([Option<f64>; 3]),
     /// Out of the way along the tool axis, or out of the chuck's reach.

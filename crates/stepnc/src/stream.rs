@@ -493,7 +493,11 @@ impl<'s> Walker<'s> {
                     .tasks
                     .extend(children.iter().find(enabled).map(|&child| Task::Execute(child)));
             }
-            ExecutableKind::If { condition, then, otherwise } if self.run.structured => {
+            ExecutableKind::If {
+                condition,
+                then,
+                otherwise,
+            } if self.run.structured => {
                 let expression = structure::readable(executable, condition)?;
                 self.enter(executable, None);
                 self.both_ways(id, expression, *then, *otherwise);

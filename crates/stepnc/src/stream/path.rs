@@ -134,7 +134,9 @@ impl Walker<'_> {
                 }
             };
             self.begin(Level::Toolpath, id, &toolpath.name, None);
-            self.run.queue.extend(others.map(|kind| (entity_origin(id), Said::Step(kind))));
+            self.run
+                .queue
+                .extend(others.map(|kind| (entity_origin(id), Said::Step(kind))));
             self.say(id, StepKind::Dwell(time));
             self.say(id, StepKind::End(Level::Toolpath));
             return Ok(());
@@ -161,7 +163,9 @@ impl Walker<'_> {
             self.link(id, frame.machine_from_setup, first, speed, retract_axis);
         }
         self.begin(Level::Toolpath, id, &toolpath.name, toolpath.maximum_deviation);
-        self.run.queue.extend(others.map(|kind| (entity_origin(id), Said::Step(kind))));
+        self.run
+            .queue
+            .extend(others.map(|kind| (entity_origin(id), Said::Step(kind))));
         let mut open = OpenPath {
             pieces: pieces.into_state(),
             speed,

@@ -67,11 +67,7 @@ pub(super) struct State {
 /// Where a way that was told comes to its end.
 pub(super) enum Meeting {
     /// The true branch of an `If`, what was in force before it, and the other branch.
-    Then {
-        id: u64,
-        before: State,
-        otherwise: Option<u64>,
-    },
+    Then { id: u64, before: State, otherwise: Option<u64> },
     /// The false branch, and how the true one ended.
     Otherwise { id: u64, then: State },
     /// A loop's body, and what was in force before it.
