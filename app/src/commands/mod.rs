@@ -10,6 +10,7 @@ pub mod hold;
 pub mod inspect;
 pub mod macro_run;
 pub mod plan;
+pub mod post;
 pub mod rebuild;
 pub mod record;
 pub mod run;

@@ -15,6 +15,7 @@ use plan::{
     StepKind, ToolOffset,
 };
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use units::{Machine, Setup, ToolNumber, Transform};
 
 /// What the person who posts says.
@@ -101,11 +102,11 @@ pub fn post(
         return Err(Box::new(
             Diagnostic::error(
                 "depends-on-machine",
-                "a move of the program depends on where the machine stands or where a work offset lies: incremental moves behind a \
-                 reference point, or a place that was set (G92)",
+                "the program does something else on a machine that stands elsewhere, has other work offsets or tool lengths, or keeps \
+                 other values in its variables",
             )
             .in_file(options.source.clone())
-            .remedy("begin each tool with absolute coordinates, and set work offsets at the machine"),
+            .remedy("begin with absolute coordinates behind reference points, set offsets at the machine, and set variables before use"),
         ));
     }
     Ok(Posted {
@@ -272,21 +273,25 @@ impl<'c, 's> Posting<'c, 's> {
         self.control.write(statement, &mut self.sheet)
     }
 
-    /// Takes the places of a statement into the digest.
+    /// Takes what a statement makes the machine do into the digest.
     fn mark(&mut self, statement: &Statement<'_>) {
-        let mut add = |number: i64| {
-            for byte in number.to_le_bytes() {
-                self.digest = (self.digest ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+        struct Hashing(u64);
+        impl std::fmt::Write for Hashing {
+            fn write_str(&mut self, text: &str) -> std::fmt::Result {
+                for byte in text.bytes() {
+                    self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
+                }
+                Ok(())
             }
-        };
-        let word = |word: Option<i64>| word.unwrap_or(i64::MIN);
-        match statement {
-            Statement::Line(line) | Statement::Thread { line, .. } => line.words.iter().for_each(|w| add(word(*w))),
-            Statement::Arc(arc) => arc.to.iter().for_each(|w| add(*w)),
-            Statement::Tap { bottom, back, at, .. } => [*bottom, *back, at[0], at[1]].iter().for_each(|w| add(*w)),
-            Statement::Register(change) => add(change.after.map_or(i64::MIN, |after| libm::round(after * 1e4) as i64)),
-            _ => {}
         }
+        let mut hashing = Hashing(self.digest);
+        let _ = match statement {
+            // What the register held before is the machine's.
+            Statement::Register(change) => write!(hashing, "{:?} {:?}", change.register, change.after),
+            Statement::Begin(_) | Statement::Comment(_) => Ok(()),
+            other => write!(hashing, "{other:?}"),
+        };
+        self.digest = hashing.0;
     }
 
     /// The head, once; `name` is the program's.

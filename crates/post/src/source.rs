@@ -2,8 +2,10 @@
 //! reader has decided. What the machine would have to decide is refused, unless the person wants the program as it runs without a machine.
 
 use plan::flow::{Part, StructuredProgram};
-use plan::{Alarm, Answer, Diagnostic, FileId, Next, Origin, Place, ProgramStream, Question, Step, StepKind, StopKind};
-use units::StepId;
+use plan::tables::Offset;
+use plan::{Alarm, Answer, Diagnostic, FileId, Next, Origin, Place, ProgramStream, Question, Step, StepKind, StopKind, Tables};
+use std::collections::BTreeMap;
+use units::{Point, StepId, ToolNumber, Transform, Vector};
 
 /// A stream as a program without structure.
 pub struct Interpreted<S> {
@@ -96,4 +98,52 @@ impl<S: ProgramStream> StructuredProgram for Interpreted<S> {
     fn file_name(&self, file: FileId) -> &str {
         self.stream.file_name(file)
     }
+}
+
+/// The machine with its axes, work offsets and tool lengths elsewhere, differently in each pass: a program whose words are absolute
+/// does not notice. Radii and wear of radii stay, because cutter compensation is worked out.
+pub fn elsewhere(tables: &Tables, pass: usize, turning: bool) -> Tables {
+    // No program has words for these places, so no move is left out because the tool is there already.
+    let pass = pass as f64;
+    let mut moved = tables.clone();
+    moved.position = match turning {
+        true => Point::new(319.137_913 + 7.31 * pass, 0.0, 617.719_311 + 11.37 * pass),
+        false => Point::new(
+            -319.137_913 - 7.31 * pass,
+            -217.371_917 - 5.93 * pass,
+            617.719_311 + 11.37 * pass,
+        ),
+    };
+    let y = if turning { 0.0 } else { -173.917_371 - 3.17 * pass };
+    let place = |n: f64| Transform::shift([-211.719_137 - 2.713 * pass - n, y, -431.371_193 - 4.391 * pass - n]);
+    let names = (54..=59)
+        .map(|n| format!("G{n}"))
+        .chain((1..=300).map(|n| format!("G54.1 P{n}")));
+    moved
+        .work_offsets
+        .extend(names.enumerate().map(|(n, name)| (name, place(n as f64))));
+    for number in 1..=999 {
+        let entry = moved.tools.entry(ToolNumber(number)).or_default();
+        let across = if turning { 31.379_171 + pass } else { 0.0 };
+        entry.geometry = Offset(Vector::new(across, 0.0, 97.137_931 + 1.19 * pass));
+        entry.wear = Offset(Vector::ZERO);
+    }
+    moved
+}
+
+/// Variables that the control has kept: other ones in each pass, so that a program that lives on them is noticed.
+pub fn other_variables(pass: usize) -> BTreeMap<u32, f64> {
+    match pass {
+        0 => BTreeMap::new(),
+        _ => (100..200).chain(500..1000).map(|n| (n, 0.137 + f64::from(n))).collect(),
+    }
+}
+
+/// Lengths of the tools of tables, to tell G43 from G44.
+pub fn lengths(tables: &Tables) -> BTreeMap<ToolNumber, f64> {
+    tables
+        .tools
+        .iter()
+        .map(|(number, entry)| (*number, entry.geometry.0.xyz[2]))
+        .collect()
 }
