@@ -187,7 +187,7 @@ impl Posting<'_, '_> {
                 None => self.tool_log(None),
             },
             Call::StartToolLogging { id } => {
-                let first = self.tool_log(None)?;
+                let first = self.tool_log_verdict()?;
                 if first.grade == Grade::BlockBoundary {
                     self.tracing.tool_logging.insert(id.0.to_ascii_lowercase());
                 }
@@ -392,13 +392,25 @@ impl Posting<'_, '_> {
                 self.control.recorder()
             )));
         };
+        // Without a tool the table has no row to read.
+        let known = if tool.is_none() && self.tool == 0 { 1 } else { values.len() };
         let mut items = vec![Item::Text("TOOL".to_owned())];
-        for (name, reading) in values {
+        for (name, reading) in values.into_iter().take(known) {
             if let Reading::Value(source) = reading {
                 items.push(Item::Value(name.to_owned(), source));
             }
         }
         self.logged(&items, "number and table values; life and asset are the recorder's; ")
+    }
+
+    /// What a line at each tool change will be, without writing one.
+    fn tool_log_verdict(&mut self) -> Result<Verdict, Refusal> {
+        let mut nowhere = |_: &str| {};
+        let mut aside = Posting::new(self.control, self.options, &mut nowhere, None);
+        aside.tool = 1;
+        let verdict = aside.tool_log(None);
+        self.found.logs |= verdict.is_ok();
+        verdict
     }
 
     /// A tool came in.

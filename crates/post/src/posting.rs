@@ -182,7 +182,12 @@ struct Tap {
 }
 
 impl<'c, 's> Posting<'c, 's> {
-    fn new(control: &'c dyn Control, options: &'c Options, out: &'s mut dyn FnMut(&str), before: Option<Known>) -> Self {
+    pub(crate) fn new(
+        control: &'c dyn Control,
+        options: &'c Options,
+        out: &'s mut dyn FnMut(&str),
+        before: Option<Known>,
+    ) -> Self {
         Posting {
             control,
             options,

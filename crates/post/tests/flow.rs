@@ -52,7 +52,10 @@ const HEAD: &str = "O1\nG21 G90 G54\nT1 M6\nS500 M3\nG0 X5. Y6.\nG43 H1 Z10.\n";
 #[test]
 fn branches_of_macros_are_refused_and_not_decided_in_silence() {
     refused(&format!("{HEAD}IF[#500GT2]GOTO9\nG1 Z0 F100.\nN9 M30\n"), "line 7: IF");
-    refused(&format!("{HEAD}#1=0\nWHILE[#1LT3]DO1\nG1 X#1 F100.\n#1=#1+1\nEND1\nM30\n"), "line 8: WHILE");
+    refused(
+        &format!("{HEAD}#1=0\nWHILE[#1LT3]DO1\nG1 X#1 F100.\n#1=#1+1\nEND1\nM30\n"),
+        "line 8: WHILE",
+    );
     refused(&format!("{HEAD}/G1 Z0 F100.\nM30\n"), "line 7: a block-skip switch");
     refused(&format!("{HEAD}#100=#5041\nG1 X#100 F100.\nM30\n"), "asks the machine for");
     refused(&format!("{HEAD}G31 Z-5. F50.\nM30\n"), "probes");
@@ -71,5 +74,8 @@ fn what_depends_on_the_machine_is_refused() {
     // Incremental behind a reference point; a place that is set; a variable that the control keeps.
     refused("O1\nG21 G90 G54\nT1 M6\nG91 G28 Z0\nG0 X5.\nM30\n", "stands elsewhere");
     refused(&format!("{HEAD}G1 X#501 F100.\nM30\n"), "keeps other values");
-    refused("O1\nG21 G90 G54\nT1 M6\nG92 X0 Y0 Z0\nG1 X5. F100.\nG54 G1 X7.\nM30\n", "stands elsewhere");
+    refused(
+        "O1\nG21 G90 G54\nT1 M6\nG92 X0 Y0 Z0\nG1 X5. F100.\nG54 G1 X7.\nM30\n",
+        "stands elsewhere",
+    );
 }

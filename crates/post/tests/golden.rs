@@ -16,7 +16,10 @@ fn every_function_is_posted_to_every_control_as_written_down() {
             all += &format!("==== {}: {}{mark}: {}\n", definition.name, row.grade, row.reason);
             // The frame of the program is the same for all; the body begins behind the head.
             let body = text.replace('\r', "");
-            let from = body.find("WS 1").and_then(|at| body[at..].find('\n').map(|n| at + n + 1)).unwrap_or(0);
+            let from = body
+                .find("WS 1")
+                .and_then(|at| body[at..].find('\n').map(|n| at + n + 1))
+                .unwrap_or(0);
             all += &body[from..];
         }
         expect_file![format!("golden/{}.txt", control.name())].assert_eq(&all);
@@ -42,7 +45,12 @@ fn nothing_is_native_but_what_the_reference_has_a_row_for() {
                 definition.name,
                 control.name()
             );
-            assert!(!row.reason.is_empty(), "{} on {} has no reason", definition.name, control.name());
+            assert!(
+                !row.reason.is_empty(),
+                "{} on {} has no reason",
+                definition.name,
+                control.name()
+            );
         }
     }
 }

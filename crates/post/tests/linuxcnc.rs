@@ -34,7 +34,10 @@ fn of_linuxcnc(program: &str) -> Option<Vec<End>> {
     };
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     let trouble = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(text.contains("PROGRAM_END"), "rs274 did not come to the end: {trouble}\n{program}");
+    assert!(
+        text.contains("PROGRAM_END"),
+        "rs274 did not come to the end: {trouble}\n{program}"
+    );
     let mut ends = Vec::new();
     let mut at = [f64::NAN; 3];
     let mut plane = [0, 1, 2];
@@ -108,6 +111,12 @@ fn check(program: &str) {
 fn programs_of_the_corpus_run_in_linuxcnc() {
     for text in [PLATE, FLANGE] {
         let (program, _) = post_gcode(text, "fanuc-mill", "linuxcnc").unwrap_or_else(|e| panic!("{e}"));
+        // Ours does not know the tool table of LinuxCNC.
+        let program: String = program
+            .lines()
+            .filter(|line| !line.starts_with("G10 L1 "))
+            .map(|line| format!("{line}\n"))
+            .collect();
         check(&program);
         let wanted = deeds(&mut gcode(text, "fanuc-mill", machine(false), BTreeMap::new()));
         let found = deeds(&mut gcode(&program, "rs274", machine(false), BTreeMap::new()));

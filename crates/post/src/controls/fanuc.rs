@@ -108,7 +108,8 @@ impl Control for Fanuc {
                 sheet.line("%");
                 let name = head.name.strip_prefix(&format!("O{:04}", head.number)).unwrap_or(&head.name);
                 let name = sheet.short(name, 24);
-                sheet.line(&format!("O{:04}({name})", head.number));
+                let name = if name.is_empty() { name } else { format!("({name})") };
+                sheet.line(&format!("O{:04}{name}", head.number));
                 head.text.iter().for_each(|line| sheet.comment(line));
                 if head.logs {
                     sheet.line("POPEN");
@@ -119,6 +120,8 @@ impl Control for Fanuc {
                 } else {
                     "G17 G21 G40 G49 G80 G90 G94"
                 });
+                sheet.modal.plane = Some(if sheet.turning { "G18" } else { "G17" });
+                sheet.modal.feed_mode = (!sheet.turning).then_some("G94");
                 sheet.notes.insert("logs".to_owned(), vec![u32::from(head.logs)]);
                 Ok(())
             }
@@ -340,8 +343,8 @@ pub(super) fn write_shared(statement: &Statement<'_>, control: &dyn Control, she
             if sheet.turning {
                 words.insert(0, "G0".to_owned());
             }
-            sheet.modal.motion = Some("G0");
             sheet.words(&words);
+            sheet.modal.motion = None;
         }
         Statement::Retract => {
             sheet.line(if sheet.turning { "G28 U0. W0." } else { "G91 G28 Z0." });

@@ -53,6 +53,8 @@ impl Control for Haas {
                 } else {
                     "G17 G21 G40 G49 G80 G90 G94"
                 });
+                sheet.modal.plane = Some(if sheet.turning { "G18" } else { "G17" });
+                sheet.modal.feed_mode = (!sheet.turning).then_some("G94");
                 Ok(())
             }
             Statement::End => {
@@ -105,7 +107,7 @@ impl Control for Haas {
             }
             Statement::Retract if !sheet.turning => {
                 sheet.line("G53 G0 Z0.");
-                sheet.modal.motion = Some("G0");
+                sheet.modal.motion = None;
                 Ok(())
             }
             Statement::Register(change) if matches!(&change.register, plan::Register::WorkOffset { name, .. } if name.starts_with("G54.1")) => {

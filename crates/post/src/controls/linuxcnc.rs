@@ -98,6 +98,7 @@ impl Control for LinuxCnc {
                 let plane = if sheet.turning { "G18 G7" } else { "G17" };
                 sheet.line(&format!("{plane} G21 G40 G49 G80 G90 G91.1 G94 G97"));
                 sheet.modal.plane = Some(if sheet.turning { "G18" } else { "G17" });
+                sheet.modal.feed_mode = Some("G94");
             }
             Statement::End => {
                 if sheet.notes.get("logs") == Some(&vec![1]) {
@@ -136,12 +137,12 @@ impl Control for LinuxCnc {
                         words.push(format!("{letter}{}", sheet.length(*to)?));
                     }
                 }
-                sheet.modal.motion = Some("G0");
                 sheet.words(&words);
+                sheet.modal.motion = None;
             }
             Statement::Retract => {
                 sheet.line(if sheet.turning { "G53 G0 X0" } else { "G53 G0 Z0" });
-                sheet.modal.motion = Some("G0");
+                sheet.modal.motion = None;
             }
             Statement::Tool { number, .. } => {
                 sheet.modal.tool = Some(*number);
@@ -269,7 +270,15 @@ impl Control for LinuxCnc {
         }
     }
     fn variable(&self, number: u32) -> Result<String, Refusal> {
-        Ok(format!("#<tm{}>", number + 1))
+        // Numbered ones can be set before the start and begin as 0; a name that nothing has set is an error.
+        if number >= 1000 {
+            return Err(Refusal::new(
+                "variables",
+                "the program has more than 1000 variables",
+                "use fewer",
+            ));
+        }
+        Ok(format!("#{}", number + 1001))
     }
     fn assignment(&self, variable: &str, value: &str) -> String {
         format!("{variable} = {value}")

@@ -111,6 +111,8 @@ impl Control for Siemens840d {
                 } else {
                     "G17 G40 G71 G90 G94"
                 });
+                sheet.modal.plane = Some(if sheet.turning { "G18" } else { "G17" });
+                sheet.modal.feed_mode = (!sheet.turning).then_some("G94");
                 Ok(())
             }
             Statement::End => {
@@ -540,7 +542,7 @@ fn names_of_the_machine(condition: &Expression) -> bool {
 /// A move without frames and without tool; the tool is in force again behind it.
 fn out_of_the_way(words: &str, sheet: &mut Sheet<'_>) {
     sheet.line(words);
-    sheet.modal.motion = Some("G0");
+    sheet.modal.motion = None;
     if sheet.modal.length_on {
         sheet.line("D1");
     }

@@ -38,9 +38,10 @@ pub fn machine(turning: bool) -> Tables {
         );
     }
     for number in 54..=59 {
-        tables
-            .work_offsets
-            .insert(format!("G{number}"), Transform::shift([-300.0, if turning { 0.0 } else { -200.0 }, -400.0]));
+        tables.work_offsets.insert(
+            format!("G{number}"),
+            Transform::shift([-300.0, if turning { 0.0 } else { -200.0 }, -400.0]),
+        );
     }
     tables
 }
@@ -75,7 +76,11 @@ pub fn post_gcode_with(text: &str, dialect: &str, control: &str, as_interpreted:
         ..Options::default()
     };
     posted(control, &options, &mut |pass| {
-        let variables = if as_interpreted { BTreeMap::new() } else { other_variables(pass) };
+        let variables = if as_interpreted {
+            BTreeMap::new()
+        } else {
+            other_variables(pass)
+        };
         let program = gcode(text, dialect, elsewhere(&tables, pass, turning), variables);
         let decided = |program: &GcodeProgram| program.decided().map(|(line, by)| format!("line {line}: {by}"));
         Box::new(Interpreted::new(program, decided, as_interpreted))
@@ -174,8 +179,9 @@ pub fn deeds(stream: &mut dyn ProgramStream) -> Vec<Deed> {
                 match &go.path {
                     Path::Line { to, .. } => points.push((frame * *to).xyz),
                     curve => {
-                        for k in 1..=64 {
-                            points.push((frame * curve.at(f64::from(k) / 64.0)).xyz);
+                        // Fine enough that the chords between are within 0.0001 mm of an arc of 50 mm.
+                        for k in 1..=1600 {
+                            points.push((frame * curve.at(f64::from(k) / 1600.0)).xyz);
                         }
                     }
                 }
@@ -211,7 +217,9 @@ pub fn runs(deeds: &[Deed]) -> Vec<Deed> {
     let mut all: Vec<Deed> = Vec::new();
     for deed in deeds {
         match (all.last_mut(), deed) {
-            (Some(Deed::Go(feed, points)), Deed::Go(next, more)) if same_feed(*feed, *next) => points.extend(more.iter().copied()),
+            (Some(Deed::Go(feed, points)), Deed::Go(next, more)) if same_feed(*feed, *next) => {
+                points.extend(more.iter().copied())
+            }
             _ => all.push(deed.clone()),
         }
     }
@@ -227,7 +235,7 @@ pub fn same_feed(a: Option<f64>, b: Option<f64>) -> bool {
 }
 
 /// The largest distance of the points of one polyline from the other.
-pub fn apart(points: &[[f64; 3]], line: &[[f64; 3]], start: [f64; 3]) -> f64 {
+pub fn apart(points: &[[f64; 3]], line: &[[f64; 3]], start: [f64; 3], tolerance: f64) -> f64 {
     let mut corners = vec![start];
     corners.extend_from_slice(line);
     let mut from = 0;
@@ -235,10 +243,14 @@ pub fn apart(points: &[[f64; 3]], line: &[[f64; 3]], start: [f64; 3]) -> f64 {
     for point in points {
         // In order: a point is looked for from where the last one was found.
         let (mut best, mut at) = (f64::INFINITY, from);
-        for k in from..corners.len().saturating_sub(1).min(from + 400) {
+        for k in from..corners.len().saturating_sub(1).min(from + 1700) {
             let d = from_segment(*point, corners[k], corners[k + 1]);
             if d < best - 1e-9 {
                 (best, at) = (d, k);
+            }
+            // Near enough here: a path that comes by again later is not looked at.
+            if d <= tolerance {
+                break;
             }
         }
         if corners.len() == 1 {
@@ -254,7 +266,11 @@ fn from_segment(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
     let sub = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let (ab, ap) = (sub(b, a), sub(p, a));
-    let t = if dot(ab, ab) > 0.0 { (dot(ap, ab) / dot(ab, ab)).clamp(0.0, 1.0) } else { 0.0 };
+    let t = if dot(ab, ab) > 0.0 {
+        (dot(ap, ab) / dot(ab, ab)).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
     let d = sub(ap, [ab[0] * t, ab[1] * t, ab[2] * t]);
     dot(d, d).sqrt()
 }
@@ -279,10 +295,14 @@ pub fn compare(wanted: &[Deed], found: &[Deed], tolerance: f64) -> Result<(), St
                     return Err(format!("run {k}: feed {a:?} and {b:?} ({} / {})", short(w), short(f)));
                 }
                 let start = if at[0].is_nan() { wp[0] } else { at };
-                let (one, other) = (apart(wp, fp, start), apart(fp, wp, start));
+                let (one, other) = (apart(wp, fp, start, tolerance), apart(fp, wp, start, tolerance));
                 let end = from_segment(wp[wp.len() - 1], fp[fp.len() - 1], fp[fp.len() - 1]);
                 if one.max(other) > tolerance || end > tolerance {
-                    return Err(format!("run {k}: {one} mm, {other} mm, end {end} mm apart ({} / {})", short(w), short(f)));
+                    return Err(format!(
+                        "run {k}: {one} mm, {other} mm, end {end} mm apart ({} / {})",
+                        short(w),
+                        short(f)
+                    ));
                 }
                 at = wp[wp.len() - 1];
             }
@@ -299,7 +319,12 @@ pub fn compare(wanted: &[Deed], found: &[Deed], tolerance: f64) -> Result<(), St
 
 fn short(deed: &Deed) -> String {
     match deed {
-        Deed::Go(feed, points) => format!("{feed:?} {} points {:?} .. {:?}", points.len(), points[0], points[points.len() - 1]),
+        Deed::Go(feed, points) => format!(
+            "{feed:?} {} points {:?} .. {:?}",
+            points.len(),
+            points[0],
+            points[points.len() - 1]
+        ),
         other => format!("{other:?}"),
     }
 }
