@@ -132,7 +132,8 @@ impl Posting<'_, '_> {
 
     /// Posts a function and takes down its grade.
     pub(crate) fn traced(&mut self, function: &Function) -> Result<(), Refusal> {
-        self.write(&Statement::Comment(&function.to_string()))?;
+        // Without the prefix: a reader of the vocabulary would take the comment for a function of its own.
+        self.write(&Statement::Comment(&format!("FUNCTION {}", function.without_prefix())))?;
         let verdict = match self.written(function) {
             Ok(verdict) => verdict,
             // What a control cannot write of one function does not stop the program: nothing of its motion depends on it.
@@ -273,7 +274,14 @@ impl Posting<'_, '_> {
             let name = name.to_ascii_lowercase();
             let name = name.strip_prefix("trace:").unwrap_or(&name);
             for (timer, known) in ["ws_time", "op_time", "prog_time"].iter().enumerate() {
-                self.found.timers[timer] |= name == *known;
+                if name == *known {
+                    self.found.timers[timer] = true;
+                    // Before its level begins a timer would hold what an earlier program left in it.
+                    let level = [Level::Workingstep, Level::Operation, Level::Program][timer];
+                    if !self.levels.contains(&level) {
+                        self.start_timer(timer);
+                    }
+                }
             }
         }
     }

@@ -162,7 +162,7 @@ pub(crate) struct Posting<'c, 's> {
     spindle: SpindleState,
     coolant: Option<CoolantState>,
     pub(crate) here: Option<Origin>,
-    levels: Vec<Level>,
+    pub(crate) levels: Vec<Level>,
     tap: Option<Tap>,
     moves: u32,
     started: bool,
@@ -473,6 +473,13 @@ impl<'c, 's> Posting<'c, 's> {
     }
 
     fn tool_offset(&mut self, offset: &ToolOffset) -> Result<(), Refusal> {
+        if offset.number == u32::MAX {
+            return Err(Refusal::new(
+                "tool-offset",
+                "which tool is in the spindle depends on the way that was taken",
+                "let the workingstep behind the branch name its tool",
+            ));
+        }
         self.offset = *offset;
         // The tip is elsewhere now in the coordinates that moves are written in.
         for k in if self.options.turning { [0, 2] } else { [2, 2] } {
@@ -515,9 +522,21 @@ impl<'c, 's> Posting<'c, 's> {
         // The control's coordinates go on; only what our points mean has changed.
         self.base_from_setup = base_from_setup;
         let number = match work_number(&name) {
-            Some(number) => number,
+            Some(number) => {
+                if let Some((other, _)) = self.works.iter().find(|(other, taken)| **taken == number && **other != name) {
+                    return Err(Refusal::new(
+                        "work-offset",
+                        format!("set-up '{other}' stands for {name} already"),
+                        "name all set-ups G54, G55 ..., or none of them",
+                    ));
+                }
+                self.works.insert(name.clone(), number);
+                number
+            }
             None => {
-                let next = u32::try_from(self.works.len()).unwrap_or(u32::MAX) + 1;
+                let next = (1..)
+                    .find(|free| !self.works.values().any(|taken| taken == free))
+                    .unwrap_or(u32::MAX);
                 *self.works.entry(name.clone()).or_insert(next)
             }
         };

@@ -18,7 +18,7 @@ fn of_linuxcnc(program: &str) -> Option<Vec<End>> {
     // Its tool table and machine positions are another machine's: the words that need them are taken out.
     let program: String = program
         .lines()
-        .filter(|line| !line.starts_with("G43") && !line.starts_with("G53") && !line.contains("G10 "))
+        .filter(|line| !line.starts_with("G43") && !line.starts_with("G53") && !line.contains("G10 ") && !line.ends_with(" M6"))
         .map(|line| format!("{line}\n"))
         .collect();
     #[expect(clippy::disallowed_methods, reason = "a test gives a file to another program")]

@@ -755,7 +755,10 @@ fn stop_recording(id: &str, sheet: &mut Sheet<'_>) -> Option<Verdict> {
     ));
     sheet.line("STOPRE");
     sheet.line("ENDWHILE");
-    Some(Verdict::native(true, "taken out of the servo cycle, then written to the log"))
+    Some(Verdict::native(
+        false,
+        "taken out of the servo cycle, then written to the log",
+    ))
 }
 
 fn cancel(ids: &[u32], sheet: &mut Sheet<'_>) {
@@ -899,7 +902,7 @@ fn stop_action(id: &str, sheet: &mut Sheet<'_>) -> Option<Verdict> {
     sheet.line(&format!("$AC_MARKER[{marker}]=0"));
     sheet.line("ENDIF");
     Some(Verdict::native(
-        true,
+        false,
         "taken out of the servo cycle; what it kept is written to the log",
     ))
 }
