@@ -52,6 +52,11 @@ pub trait Control: Sync {
     /// How its programs come by a stream (`X.LOAD`) or a predefined value (`trace:ws_time`).
     fn reading(&self, stream: &str, turning: bool) -> Reading;
 
+    /// What makes the control wait for the motion before it reads this value.
+    fn before_reading(&self, _text: &str) -> Option<&'static str> {
+        None
+    }
+
     /// Sets a timer to zero: of the workingstep, the operation, the program.
     fn start_timer(&self, timer: usize) -> Vec<String>;
 

@@ -78,8 +78,8 @@ pub enum Item {
 pub(crate) struct Tracing {
     tool_logging: BTreeSet<String>,
     checks: BTreeMap<String, Check>,
-    /// Recordings and actions that the control itself does, by id, with the line that ends them.
-    native: BTreeMap<String, Function>,
+    /// Recordings and actions that the control itself does, by id, with the number of workplans that were open at their start.
+    native: BTreeMap<String, (Function, usize)>,
     /// Recordings along the present path.
     along_path: Vec<String>,
     /// How many levels were open where something that ends with its workplan began.
@@ -89,7 +89,10 @@ pub(crate) struct Tracing {
 /// Something that is looked at between blocks.
 #[derive(Clone, Debug)]
 enum Check {
-    Poll(Vec<(Sensor, Source)>),
+    Poll {
+        values: Vec<(Sensor, Source)>,
+        workplans: usize,
+    },
     Action { action: SynchronizedAction, number: u32 },
 }
 
@@ -174,6 +177,8 @@ impl Posting<'_, '_> {
         self.asks_for_time(function);
         if let Some(verdict) = self.control.function(function, &mut self.sheet)? {
             self.remember(function, &verdict);
+            let silent = matches!(function.call, Call::DisplayMessage { .. });
+            self.found.logs |= !silent && matches!(verdict.grade, Grade::Native | Grade::BlockBoundary);
             return Ok(verdict);
         }
         let recorder = self.control.recorder();
@@ -292,10 +297,10 @@ impl Posting<'_, '_> {
         }
         match &function.call {
             Call::StartSensorRecording(recording) => {
-                self.tracing.native.insert(key(&recording.id.0), function.clone());
+                self.tracing.native.insert(key(&recording.id.0), (function.clone(), self.workplans()));
             }
             Call::StartSynchronizedAction(action) => {
-                self.tracing.native.insert(key(&action.id.0), function.clone());
+                self.tracing.native.insert(key(&action.id.0), (function.clone(), self.workplans()));
             }
             Call::StopSensorRecording { id } | Call::StopSynchronizedAction { id } => {
                 self.tracing.native.remove(&key(&id.0));
@@ -382,15 +387,24 @@ impl Posting<'_, '_> {
                 "name one axis",
             ));
         };
+        let source = source.clone();
+        let number = self.sheet.variable(variable);
+        let name = self.control.variable(number)?;
+        let text = source.in_records(self.control.paper().brackets);
+        self.assign(&name, &source, &text);
+        Ok(())
+    }
+
+    /// A variable gets the value of a source, spelled as `text`.
+    fn assign(&mut self, variable: &str, source: &Source, text: &str) {
         for line in &source.before {
             self.sheet.line(line);
         }
-        let number = self.sheet.variable(variable);
-        let name = self.control.variable(number)?;
-        let brackets = self.control.paper().brackets;
-        let line = self.control.assignment(&name, &source.in_records(brackets));
+        if let Some(stop) = self.control.before_reading(text) {
+            self.sheet.line(stop);
+        }
+        let line = self.control.assignment(variable, text);
         self.sheet.line(&line);
-        Ok(())
     }
 
     fn tool_log(&mut self, tool: Option<u32>) -> Result<Verdict, Refusal> {
@@ -450,7 +464,10 @@ impl Posting<'_, '_> {
             }
         }
         let verified = values.iter().all(|(_, source)| source.verified);
-        self.tracing.checks.insert(key(&recording.id.0), Check::Poll(values));
+        let workplans = self.workplans();
+        self.tracing
+            .checks
+            .insert(key(&recording.id.0), Check::Poll { values, workplans });
         self.found.logs = true;
         self.check_now(&key(&recording.id.0))?;
         Ok(Verdict::between_blocks(
@@ -556,7 +573,7 @@ impl Posting<'_, '_> {
     fn check_now(&mut self, id: &str) -> Result<(), Refusal> {
         match self.tracing.checks.get(id).cloned() {
             None => Ok(()),
-            Some(Check::Poll(values)) => {
+            Some(Check::Poll { values, .. }) => {
                 let mut items = vec![Item::Text(format!("RECORDING {id}"))];
                 items.extend(
                     values
@@ -678,37 +695,61 @@ impl Posting<'_, '_> {
                     && let Reading::Value(source) = self.control.reading("trace:ws_time", self.options.turning)
                     && let Reading::Value(kept) = self.control.reading("trace:last_ws_time", self.options.turning)
                 {
-                    for line in &source.before {
-                        self.sheet.line(line);
-                    }
-                    let line = self.control.assignment(&kept.text, &source.text);
-                    self.sheet.line(&line);
+                    self.assign(&kept.text, &source, &source.text);
                 }
                 Ok(())
             }
+            Level::Workplan => self.workplan_ends(),
             _ => Ok(()),
         }
     }
 
+    /// Workplans that are open.
+    fn workplans(&self) -> usize {
+        self.levels.iter().filter(|level| **level == Level::Workplan).count()
+    }
+
+    /// A recording ends with the workplan that its start stands in.
+    fn workplan_ends(&mut self) -> Result<(), Refusal> {
+        let open = self.workplans();
+        let ends = |found: &(Function, usize)| found.1 > open && matches!(found.0.call, Call::StartSensorRecording(_));
+        let native = self.tracing.native.iter().filter(|(_, found)| ends(found));
+        let ids: Vec<String> = native.map(|(id, _)| id.clone()).collect();
+        for id in ids {
+            self.stop_by_itself(&id, "WORKPLAN")?;
+        }
+        self.tracing
+            .checks
+            .retain(|_, check| !matches!(check, Check::Poll { workplans, .. } if *workplans > open));
+        Ok(())
+    }
+
     /// What was started and not stopped ends with the program: its stop is written, so that the control does not go on with it.
     pub(crate) fn close_functions(&mut self) -> Result<(), Refusal> {
-        for (_, function) in std::mem::take(&mut self.tracing.native) {
-            let line = match &function.call {
-                Call::StartSensorRecording(recording) => {
-                    format!("trace:1 stop_sensor_recording its_function_id=\"{}\"", recording.id)
-                }
-                // An action of all modes outlives the program; that is what it is for.
-                Call::StartSynchronizedAction(action) if !action.all_modes => {
-                    format!("trace:1 stop_synchronized_action its_id=\"{}\"", action.id)
-                }
-                _ => continue,
-            };
-            if let Ok(stop) = trace::parse(&line) {
-                self.write(&Statement::Comment("END OF THE PROGRAM"))?;
-                self.control.function(&stop, &mut self.sheet)?;
-            }
+        let ids: Vec<String> = self.tracing.native.keys().cloned().collect();
+        for id in ids {
+            self.stop_by_itself(&id, "PROGRAM")?;
         }
         self.tracing.checks.clear();
+        Ok(())
+    }
+
+    fn stop_by_itself(&mut self, id: &str, end: &str) -> Result<(), Refusal> {
+        let Some((function, _)) = self.tracing.native.remove(id) else { return Ok(()) };
+        let line = match &function.call {
+            Call::StartSensorRecording(recording) => {
+                format!("trace:1 stop_sensor_recording its_function_id=\"{}\"", recording.id)
+            }
+            // An action of all modes outlives the program; that is what it is for.
+            Call::StartSynchronizedAction(action) if !action.all_modes => {
+                format!("trace:1 stop_synchronized_action its_id=\"{}\"", action.id)
+            }
+            _ => return Ok(()),
+        };
+        if let Ok(stop) = trace::parse(&line) {
+            self.write(&Statement::Comment(&format!("END OF THE {end}: {} {id}", function.name)))?;
+            self.control.function(&stop, &mut self.sheet)?;
+        }
         Ok(())
     }
 

@@ -403,6 +403,10 @@ impl Control for Siemens840d {
         }
     }
 
+    fn before_reading(&self, text: &str) -> Option<&'static str> {
+        text.contains('$').then_some("STOPRE")
+    }
+
     fn start_timer(&self, timer: usize) -> Vec<String> {
         vec![format!("$AC_TIMER[{}]=0", timer + 1)]
     }
