@@ -244,6 +244,7 @@ impl<'a> Trajectory<'a> {
                     feed: f64::INFINITY,
                     feed_factors: vec![],
                     rapid: true,
+                    locked: false,
                     step: id,
                     corner: Corner::Stop,
                 });
@@ -374,6 +375,7 @@ impl<'a> Trajectory<'a> {
                 feed,
                 feed_factors: factors.iter().map(|(u, f)| ((u - range[0]) / width, *f)).collect(),
                 rapid: m.speed == Speed::Rapid,
+                locked: matches!(m.speed, Speed::Feed(Feed::Thread(_))),
                 step: step.id,
                 // A corner inside a move is not its end: exact stop does not stop there, but it does not leave the path either.
                 corner: match corner {
@@ -525,6 +527,7 @@ impl<'a> Trajectory<'a> {
                 feed,
                 feed_factors: vec![],
                 rapid,
+                locked: false,
                 step: self.last_move,
                 corner: Corner::Stop,
             });

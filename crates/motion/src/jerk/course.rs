@@ -38,6 +38,8 @@ pub(super) struct Span {
     /// Fastest path speed, mm/s, and its factors as in [`Piece::feed_factors`].
     feed: f64,
     factors: Vec<(f64, f64)>,
+    /// No multiplier of feeds is for it.
+    locked: bool,
     /// How far it may be left, mm.
     tolerance: f64,
     /// The step in whose name it is travelled.
@@ -151,6 +153,7 @@ impl Course {
             shape,
             feed: piece.feed,
             factors: piece.feed_factors.clone(),
+            locked: piece.locked || piece.rapid,
             tolerance: piece.corner.tolerance(),
             step: piece.step,
         };
@@ -448,8 +451,16 @@ impl Span {
         matches!(self.shape, Shape::Line { .. })
     }
 
-    /// Lowest feed between two lengths from its start, mm/s.
-    pub(super) fn feed_between(&self, from: f64, to: f64) -> f64 {
+    /// Lowest feed between two lengths from its start, mm/s; `scale` is the multiplier of feeds.
+    pub(super) fn feed_between(&self, from: f64, to: f64, scale: f64) -> f64 {
+        if self.locked || scale == 1.0 {
+            self.programmed_between(from, to)
+        } else {
+            scale * self.programmed_between(from, to)
+        }
+    }
+
+    fn programmed_between(&self, from: f64, to: f64) -> f64 {
         if self.factors.is_empty() {
             return self.feed;
         }

@@ -16,6 +16,7 @@
 mod chords;
 mod course;
 mod kernel;
+mod matrix;
 mod solver;
 mod stretch;
 mod vector;
@@ -54,6 +55,7 @@ pub(crate) struct JerkPlanner {
     path_length: f64,
     position: [f64; 3],
     deviation: f64,
+    feed_scale: f64,
 }
 
 impl JerkPlanner {
@@ -71,6 +73,7 @@ impl JerkPlanner {
             path_length: 0.0,
             position,
             deviation: 0.0,
+            feed_scale: 1.0,
         }
     }
 
@@ -94,7 +97,7 @@ impl JerkPlanner {
         if !passable {
             self.finish();
             self.legs.push_back(Leg {
-                stretch: Stretch::new(&self.limits, self.j_max),
+                stretch: Stretch::new(&self.limits, self.j_max, self.feed_scale),
                 marks: VecDeque::new(),
                 end: [0.0; 3],
                 last_step: piece.step,
@@ -105,6 +108,14 @@ impl JerkPlanner {
         leg.end = piece.path.end().xyz;
         leg.last_step = piece.step;
         self.last = Some(piece);
+    }
+
+    /// Programmed feeds are multiplied by `scale` from where the sampler is on, as far as the motion at hand allows.
+    pub(crate) fn set_feed_scale(&mut self, scale: f64) {
+        self.feed_scale = scale;
+        for leg in &mut self.legs {
+            leg.stretch.replan(scale);
+        }
     }
 
     /// Something stands here that is no motion.

@@ -1,0 +1,170 @@
+//! The grid on which a window is solved: its intervals are as wide as the speed and the bends allow.
+
+use super::super::solver::{Border, Interval};
+use super::{CRUISE, Cell, FIRST, GROWTH, INTERVAL, MOST_INTERVALS, Stretch};
+
+impl Stretch {
+    /// Lays borders of the grid as far as the end of what is known has no influence; all the way when it is the end of the stretch.
+    pub(super) fn lay_grid(&mut self, crowded: bool) {
+        let n = self.sights.len();
+        if n < 2 {
+            return;
+        }
+        let to = if self.closed || crowded {
+            self.sights[n - 1].s
+        } else {
+            let free = (0..n)
+                .rev()
+                .find(|i| self.sights[*i].ending >= self.sights[*i].open * (1.0 - 1e-9) && self.sights[*i].open > 0.0);
+            free.map_or(self.grid_end, |i| self.sights[i].s)
+        };
+        if self.grid.is_empty() {
+            let cell = self.cell(0.0, 0.0);
+            self.grid.push_back(cell);
+            self.grid_end = 0.0;
+        }
+        // The last cell is the end of the grid.
+        let (start, end) = (self.sights[0].s, self.sights[n - 1].s);
+        let total = end - start;
+        let mut i = 0;
+        let mut s = self.grid_end;
+        while s < to && self.grid.len() < MOST_INTERVALS {
+            while i + 2 < n && self.sights[i + 1].s <= s {
+                i += 1;
+            }
+            let width = self.width_at(i, s, to, total);
+            let mut next = s + width;
+            // Not over a place that has to be a border, and nothing tiny before it.
+            let mut m = i + 1;
+            while m < n {
+                let other = &self.sights[m];
+                if other.s > next + 0.5 * width {
+                    break;
+                }
+                if (other.border || m + 1 == n || other.s >= to) && other.s > s {
+                    next = if other.s > next { s + 0.5 * (other.s - s) } else { other.s };
+                    break;
+                }
+                m += 1;
+            }
+            let next = next.min(to);
+            let (y, _) = {
+                let mut m = i;
+                while m + 2 < n && self.sights[m + 1].s <= next {
+                    m += 1;
+                }
+                Self::between(&self.sights[m], &self.sights[m + 1], next)
+            };
+            let mut cell = self.cell(next, libm::cbrt(y) * y);
+            let behind = self.grid.back_mut().expect("it begins with one");
+            behind.interval.width = next - s;
+            let mut cap = f64::INFINITY;
+            for sight in self.sights.range(i..).take_while(|sight| sight.s < next) {
+                cap = cap.min(sight.cap_behind);
+            }
+            behind.interval.share = 1.0;
+            // The feed is that of the path; where the curve cuts a corner s runs a little faster than the path.
+            let speed = |c: &Cell| {
+                c.border
+                    .acceleration
+                    .iter()
+                    .zip(&self.a_max)
+                    .map(|(r, a)| r[1] * a)
+                    .map(|q| q * q)
+                    .sum::<f64>()
+            };
+            behind.interval.cap = (cap / speed(behind).max(speed(&cell)).max(1e-18)).min(behind.border.cap.max(cell.border.cap));
+            let here = cap / speed(&cell).max(1e-18);
+            cell.border.cap = cell.border.cap.min(here);
+            behind.border.cap = behind.border.cap.min(cap / speed(behind).max(1e-18));
+            self.grid.push_back(cell);
+            s = next;
+        }
+        self.grid_end = s;
+    }
+
+    /// How wide an interval may be that begins at `s` behind sight `i`.
+    fn width_at(&self, i: usize, s: f64, to: f64, total: f64) -> f64 {
+        let n = self.sights.len();
+        let wide = |i: usize, s: f64| {
+            let (a, b) = (&self.sights[i], &self.sights[i + 1]);
+            let (y, slope) = Self::between(a, b, s);
+            let v = libm::cbrt(y);
+            let v = v * v;
+            let steady = (a.steady + slope * (s - a.s)).min(b.steady + slope * (b.s - s)).max(y);
+            let time = (INTERVAL * steady / y.max(1e-30)).clamp(INTERVAL, CRUISE);
+            (v * time).min(GROWTH * steady / slope).min(a.detail)
+        };
+        let first = {
+            let (a, b) = (&self.sights[0], &self.sights[1]);
+            (a.jerk.min(b.jerk) * FIRST * FIRST * FIRST / 6.0).min(total / 300.0)
+        };
+        // The last interval has a constant jerk of s, so it must not be wider than the bends there.
+        let mut last = first;
+        for (a, b) in self.sights.iter().zip(self.sights.iter().skip(1)).rev() {
+            if b.s <= to - last {
+                break;
+            }
+            last = last.min(a.detail.max(to - b.s));
+        }
+        if self.closed && to - s <= 1.5 * last {
+            return if to - s <= 1.01 * last { to - s } else { 0.5 * (to - s) };
+        }
+        let here = wide(i, s);
+        // From rest.
+        let mut width = if here <= 0.0 || (s == 0.0 && !self.moving && self.grid.len() == 1) {
+            let (a, b) = (&self.sights[i], &self.sights[i + 1]);
+            (a.jerk.min(b.jerk) * FIRST * FIRST * FIRST / 6.0)
+                .min(total / 300.0)
+                .min(a.detail)
+        } else {
+            here
+        };
+        // Where the speed falls the end of the interval decides.
+        for _ in 0..3 {
+            let mut m = i;
+            let end = s + width;
+            let mut narrow = width;
+            while m + 2 < n && self.sights[m + 1].s <= end {
+                m += 1;
+                narrow = narrow.min(self.sights[m].detail.max(self.sights[m].s - s));
+            }
+            let there = wide(m, end.min(self.sights[n - 1].s));
+            let closing = if self.closed {
+                (to - end).max(0.0).max(last)
+            } else {
+                f64::INFINITY
+            };
+            let by_speed = there.max(last.min(closing)).max(0.2 * here.min(width));
+            narrow = narrow.min(by_speed);
+            if narrow >= width {
+                break;
+            }
+            width = narrow;
+        }
+        width
+    }
+
+    /// The limits at a border of the grid.
+    pub(super) fn cell(&self, s: f64, estimate: f64) -> Cell {
+        let k = self.course.span_at(s).min(self.course.len().saturating_sub(1));
+        let place = self.course.at(k, s);
+        let [_, q1, q2, q3] = place;
+        let mut cap = f64::INFINITY;
+        let mut border = Border::default();
+        for axis in 0..3 {
+            let (v, a, j) = (self.v_max[axis], self.a_max[axis], self.j_max[axis]);
+            let over = v / q1[axis].abs().max(1e-9);
+            cap = cap.min(over * over);
+            border.acceleration[axis] = [q2[axis] / a, q1[axis] / a];
+            border.jerk[axis] = [q3[axis] / j, 3.0 * q2[axis] / j, q1[axis] / j];
+        }
+        border.cap = cap;
+        Cell {
+            s,
+            border,
+            interval: Interval::default(),
+            estimate,
+        }
+    }
+}
