@@ -3,7 +3,7 @@
 /// Gradient and upper half of the matrix in (b, g, h) at one border; the gradient of the time and that of the barrier apart.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Local {
-    pub(super) time: f64,
+    pub(super) time: [f64; 3],
     pub(super) gradient: [f64; 3],
     /// bb, bg, bh, gg, gh, hh.
     pub(super) matrix: [f64; 6],
@@ -54,7 +54,7 @@ impl Matrix {
         let (zero, one, two) = (row(0), row(1), row(2));
         for c in 0..3 {
             let right = &mut self.right[first + c];
-            right[0] += b[c] * local.time;
+            right[0] += b[c] * local.time[0] + g[c] * local.time[1] + h[c] * local.time[2];
             right[1] += b[c] * local.gradient[0] + g[c] * local.gradient[1] + h[c] * local.gradient[2];
         }
         self.diagonal[first] += entry(0, zero);
@@ -71,7 +71,7 @@ impl Matrix {
         let entry = |r: usize, c: usize| b[r] * (bb * b[c] + bg * g[c]) + g[r] * (bg * b[c] + gg * g[c]);
         for c in 0..2 {
             let right = &mut self.right[first + c];
-            right[0] += b[c] * local.time;
+            right[0] += b[c] * local.time[0] + g[c] * local.time[1];
             right[1] += b[c] * local.gradient[0] + g[c] * local.gradient[1];
             self.diagonal[first + c] += entry(c, c);
         }

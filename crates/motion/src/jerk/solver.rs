@@ -69,8 +69,8 @@ fn tie(first: f64, second: f64) -> f64 {
 /// Largest number of Newton steps; a window takes some twenty.
 const MOST_STEPS: usize = 80;
 
-/// A limit that the guess exceeds begins this much above it and comes down with it.
-const SLACK: f64 = 1.15;
+/// Share of itself that a limit has as room at first where the guess exceeds it.
+const SLACK: f64 = 0.1;
 
 /// Share of the way to the nearest limit that a step goes at most.
 const NEAR: f64 = 0.97;
@@ -86,26 +86,12 @@ pub(super) struct Loads {
 }
 
 impl Loads {
-    fn map2(self, other: Loads, f: impl Fn(f64, f64) -> f64) -> Loads {
-        Loads {
-            cap: [f(self.cap[0], other.cap[0]), f(self.cap[1], other.cap[1])],
-            acceleration: f(self.acceleration, other.acceleration),
-            jerk: [f(self.jerk[0], other.jerk[0]), f(self.jerk[1], other.jerk[1])],
-        }
-    }
-
     pub(super) fn worst(&self) -> f64 {
         let [a, b] = self.cap;
         let [c, d] = self.jerk;
         a.max(b).max(c).max(d).max(self.acceleration)
     }
 }
-
-const ONE: Loads = Loads {
-    cap: [1.0; 2],
-    acceleration: 1.0,
-    jerk: [1.0; 2],
-};
 
 /// One number for each limit at a border and in the interval behind it: two caps, then the three axes' acceleration upwards and downwards,
 /// then their jerk at the first and at the second end of the interval, each upwards and downwards.
@@ -191,8 +177,9 @@ pub(super) struct Search {
     prices: Vec<Each>,
     /// How each room grows with the step at hand.
     growth: Vec<Each>,
-    relaxed: Vec<Loads>,
-    loads: Vec<Loads>,
+    /// What is missing of the rooms that limits are given which are exceeded: 0 or less.
+    missing: Vec<Each>,
+    feasible: bool,
     step: Vec<f64>,
     matrix: Matrix,
     /// The largest share of itself that a value loses with the step at hand.
@@ -208,7 +195,7 @@ pub(super) struct Search {
 pub(super) struct Again {
     pub(super) first: f64,
     pub(super) last: f64,
-    /// A limit that the guess exceeds begins this much above it.
+    /// Share of itself that a limit has as room at first where the guess exceeds it.
     pub(super) slack: f64,
     /// The multipliers are those of the search before.
     pub(super) kept: bool,
@@ -227,20 +214,22 @@ impl Again {
     pub(super) const ROUND: Again = Again {
         first: 4e-3,
         last: 2e-4,
-        slack: 1.003,
+        slack: 0.003,
         kept: true,
     };
 }
 
 impl Search {
     /// Makes the intervals' values the fastest ones within the limits, from the guess in them; `false` if a limit is still exceeded.
+    ///
+    /// Where the guess exceeds a limit, the limit is given a room that it does not have, and each step takes as much of the difference away
+    /// as it has length.
     pub(super) fn run(&mut self, window: &mut Window<'_>, again: Again) -> bool {
         let n = window.count();
         self.begin(window, again.slack);
         let mut time = self.time(window);
         let mut barrier_share = again.first;
         let (mut fresh, mut growing) = (!again.kept, true);
-        let mut feasible = !self.is_relaxed();
         let mut full = 0;
         for step in 0..MOST_STEPS {
             let unit = time / n as f64;
@@ -248,66 +237,125 @@ impl Search {
             self.assemble(window, barrier_share * unit);
             self.fold(window);
             self.matrix.solve();
-            if !fresh && feasible && barrier_share > again.last {
+            if !fresh && barrier_share > again.last {
                 // How far the step without a barrier would get says how much of it is still needed.
                 self.direct(window, 0.0);
                 let (along, prices) = self.room(0.0);
                 let short = 1.0 - along.min(prices).min(1.0);
-                barrier_share = (barrier_share * (short * short).clamp(0.08, 1.0)).max(again.last);
+                let product = self.product() / unit;
+                barrier_share = (product * short * short * short).clamp(0.05 * barrier_share, barrier_share).max(again.last);
             }
             let barrier = barrier_share * unit;
             self.direct(window, barrier);
             let (along, prices) = self.room(barrier);
             // Far below the limits Newton's step is too small by a factor.
-            let share = along.min(if growing { 8.0 } else { 1.0 });
+            let share = along.min(if growing && self.feasible { 8.0 } else { 1.0 });
             for (interval, step) in window.intervals.iter_mut().zip(&self.step) {
                 interval.value += share * step;
             }
             window.tie_ends();
             self.move_prices(barrier, prices.min(1.0));
-            if !feasible {
-                window.loads(&mut self.loads);
-                for (limit, load) in self.relaxed.iter_mut().zip(&self.loads) {
-                    *limit = limit.map2(*load, |r, l| if r > 1.0 { (l + 0.3 * (r - l)).max(1.0) } else { 1.0 });
-                }
-                feasible = !self.is_relaxed();
+            if self.feasible {
+                self.measure(window);
+            } else {
+                self.approach(window, share);
             }
-            self.measure(window);
             let now = self.time(window);
             fresh = fresh && now < 0.8 * time;
             growing = share >= 0.8 && now < 0.94 * time;
             let settled = (now - time).abs() < 1e-5 * now;
             time = now;
             self.steps += 1;
-            trace(n, step, share, prices, barrier_share, time, fresh, growing, feasible);
+            trace(n, step, share, prices, barrier_share, time, fresh, growing, self.feasible);
             full = if share >= 0.9 && barrier_share <= again.last { full + 1 } else { 0 };
-            if feasible && (full >= 3 || (full >= 1 && settled)) {
+            if self.feasible && (full >= 3 || (full >= 1 && settled)) {
                 break;
             }
         }
-        feasible
+        self.feasible
     }
 
     fn begin(&mut self, window: &mut Window<'_>, slack: f64) {
         let n = window.count();
-        window.loads(&mut self.loads);
-        let above = |l: f64, one: f64| if l < 0.9999 * one { one } else { l * slack };
-        self.relaxed.clear();
-        self.relaxed.extend(self.loads.iter().map(|load| load.map2(ONE, above)));
-        self.prices.resize(n, [0.0; 20]);
+        window.tie_ends();
+        self.prices.resize(n, [1.0; 20]);
         self.over.resize(n, [1.0; 20]);
         self.growth.resize(n, [0.0; 20]);
         self.step.resize(n, 0.0);
         self.motions.resize(n, Motion::default());
         self.roots.resize(n, 1.0);
         self.axes.clear();
-        let moves = |k: &usize| window.borders.iter().any(|b| b.jerk[*k] != [0.0; 3] || b.acceleration[*k] != [0.0; 2]);
+        let moves = |k: &usize| {
+            let rows = |b: &Border| b.jerk[*k] != [0.0; 3] || b.acceleration[*k] != [0.0; 2];
+            window.borders.iter().any(rows)
+        };
         self.axes.extend((0..3).filter(moves));
+        // Of the axes that stand still, and behind the last border.
+        self.over.iter_mut().for_each(|over| *over = [1.0; 20]);
         self.measure(window);
+        // What is exceeded gets a room.
+        let mut feasible = true;
+        self.missing.clear();
+        self.missing.resize(n, [0.0; 20]);
+        for i in 1..n {
+            let whole = self.whole(window, i);
+            let (over, missing) = (&mut self.over[i], &mut self.missing[i]);
+            for at in 0..20 {
+                let (room, least) = (1.0 / over[at], slack * whole[at]);
+                if !(room > 1e-7 * whole[at] && room.is_finite()) {
+                    over[at] = 1.0 / least;
+                    missing[at] = room - least;
+                    feasible = false;
+                }
+            }
+        }
+        self.feasible = feasible;
     }
 
-    fn is_relaxed(&self) -> bool {
-        self.relaxed.iter().any(|r| r.worst() > 1.0)
+    /// What the rooms at border `i` are parts of.
+    fn whole(&self, window: &Window<'_>, i: usize) -> Each {
+        let mut whole = [1.0; 20];
+        whole[0] = window.borders[i].cap;
+        whole[1] = window.intervals[i].cap;
+        for (end, at) in JERK.into_iter().enumerate() {
+            let root = self.roots.get(i + end).copied().unwrap_or(1.0);
+            whole[at..at + 6].fill(root);
+        }
+        whole
+    }
+
+    /// Looks at the rooms behind a step of this length: what was missing is less by as much.
+    fn approach(&mut self, window: &Window<'_>, share: f64) {
+        let n = window.count();
+        let before = self.over.clone();
+        self.measure(window);
+        self.feasible = true;
+        for i in 1..n {
+            let whole = self.whole(window, i);
+            for at in 0..20 {
+                let room = 1.0 / self.over[i][at];
+                let given = 1.0 / before[i][at] + share * self.growth[i][at];
+                let missing = &mut self.missing[i][at];
+                *missing = 0.0;
+                if room < given * (1.0 - 1e-6) && (room < 1e-7 * whole[at] || before[i][at] * room < 0.03) {
+                    *missing = room - given;
+                    self.over[i][at] = 1.0 / given;
+                    self.feasible = false;
+                }
+            }
+        }
+    }
+
+    /// The mean of multiplier times room.
+    fn product(&self) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (prices, over) in self.prices.iter().zip(&self.over).skip(1) {
+            for at in [0, 1].into_iter().chain(self.axes.iter().flat_map(|k| [2, 5, 8, 11, 14, 17].map(|a| a + k))) {
+                sum += prices[at] / over[at];
+                count += 1.0;
+            }
+        }
+        sum / count
     }
 
     fn time(&self, window: &Window<'_>) -> f64 {
@@ -323,12 +371,12 @@ impl Search {
             self.roots[i] = 1.0 / libm::sqrt(motion.b.max(1e-300));
         }
         for i in 1..n {
-            let (border, interval, limit) = (&window.borders[i], &window.intervals[i], &self.relaxed[i]);
+            let (border, interval) = (&window.borders[i], &window.intervals[i]);
             let here = self.motions[i];
             let over = &mut self.over[i];
-            over[0] = 1.0 / (border.cap * limit.cap[0] - here.b);
-            over[1] = 1.0 / (interval.cap * limit.cap[1] - interval.value);
-            let most = interval.share * limit.acceleration;
+            over[0] = 1.0 / (border.cap - here.b);
+            over[1] = 1.0 / (interval.cap - interval.value);
+            let most = interval.share;
             for k in &self.axes {
                 let row = border.acceleration[*k];
                 let load = row[0] * here.b + row[1] * here.g;
@@ -342,7 +390,7 @@ impl Search {
                 let h = (next.g - here.g) / interval.width;
                 for (end, motion) in [here, next].into_iter().enumerate() {
                     let root = self.roots[i + end];
-                    let most = interval.share * limit.jerk[end];
+                    let most = interval.share;
                     let root = root * most;
                     for k in &self.axes {
                         let row = window.borders[i + end].jerk[*k];
@@ -375,7 +423,7 @@ impl Search {
         let mut e = 1.0 / (window.intervals[0].width + window.intervals[1].width);
         for i in 1..n {
             let (a, interval) = (&window.intervals[i - 1], &window.intervals[i]);
-            let (border, limit, over, prices) = (&window.borders[i], &self.relaxed[i], &self.over[i], &self.prices[i]);
+            let (border, over, prices, missing) = (&window.borders[i], &self.over[i], &self.prices[i], &self.missing[i]);
             let root = self.roots[i];
             let mut local = Local::default();
             // The time. An interval with constant jerk takes 3 width / speed.
@@ -384,10 +432,10 @@ impl Search {
             let weight = rest_before * a.width + rest_behind * interval.width;
             let over_b = root * root;
             let slow = root * over_b;
-            local.time = -0.5 * weight * slow;
+            local.time[0] = -0.5 * weight * slow;
             local.gradient[0] = over[0];
             local.matrix[0] = 0.75 * weight * slow * over_b + prices[0] * over[0];
-            let scale = 1.0 / (interval.share * limit.acceleration);
+            let scale = 1.0 / interval.share;
             for k in axes {
                 let row = border.acceleration[*k];
                 let (x, y) = (row[0] * scale, row[1] * scale);
@@ -396,9 +444,19 @@ impl Search {
                 let second = prices[ACCELERATION + k] * p + prices[ACCELERATION + 3 + k] * m;
                 local.gradient[0] += first * x;
                 local.gradient[1] += first * y;
+                if !self.feasible {
+                    let (up, down) = (ACCELERATION + k, ACCELERATION + 3 + k);
+                    let push = missing[down] * prices[down] * m - missing[up] * prices[up] * p;
+                    local.time[0] += push * x;
+                    local.time[1] += push * y;
+                }
                 local.matrix[0] += second * x * x;
                 local.matrix[1] += second * x * y;
                 local.matrix[3] += second * y * y;
+            }
+            if !self.feasible {
+                local.time[0] -= missing[0] * prices[0] * over[0];
+                self.matrix.right[i][0] -= missing[1] * prices[1] * over[1];
             }
             // The coefficient itself.
             let value = 1.0 / interval.value;
@@ -418,7 +476,7 @@ impl Search {
                 let jerk = |local: &mut Local, end: usize| {
                     let fall = -0.5 * self.roots[i + end] * self.roots[i + end] * self.roots[i + end];
                     let over_b = self.roots[i + end] * self.roots[i + end];
-                    let scale = 1.0 / (interval.share * limit.jerk[end]);
+                    let scale = 1.0 / interval.share;
                     let at = JERK[end];
                     for k in axes {
                         let row = window.borders[i + end].jerk[*k];
@@ -431,6 +489,13 @@ impl Search {
                         local.gradient[0] += along * x - (p + m) * fall - over_b;
                         local.gradient[1] += along * y;
                         local.gradient[2] += along * z;
+                        if !self.feasible {
+                            let (pushed, pulled) = (-missing[at + k] * pp, -missing[at + 3 + k] * mm);
+                            let push = pushed - pulled;
+                            local.time[0] += push * x - (pushed + pulled) * fall;
+                            local.time[1] += push * y;
+                            local.time[2] += push * z;
+                        }
                         local.matrix[0] += both * (x * x + fall * fall) + 2.0 * mixed * x + barrier * over_b * over_b;
                         local.matrix[1] += both * x * y + mixed * y;
                         local.matrix[2] += both * x * z + mixed * z;
@@ -494,11 +559,11 @@ impl Search {
         };
         let mut moved = moved_at(1);
         for i in 1..n {
-            let (border, interval, limit) = (&window.borders[i], &window.intervals[i], &self.relaxed[i]);
+            let (border, interval) = (&window.borders[i], &window.intervals[i]);
             let growth = &mut self.growth[i];
             growth[0] = -moved.b;
             growth[1] = -self.step[i];
-            let scale = 1.0 / (interval.share * limit.acceleration);
+            let scale = 1.0 / interval.share;
             for k in &self.axes {
                 let row = border.acceleration[*k];
                 let change = (row[0] * moved.b + row[1] * moved.g) * scale;
@@ -511,7 +576,7 @@ impl Search {
                 for (end, moved) in [moved, next_moved].into_iter().enumerate() {
                     let root = self.roots[i + end];
                     let fall = -0.5 * root * root * root * moved.b;
-                    let scale = 1.0 / (interval.share * limit.jerk[end]);
+                    let scale = 1.0 / interval.share;
                     for k in &self.axes {
                         let row = window.borders[i + end].jerk[*k];
                         let change = (row[0] * moved.b + row[1] * moved.g + row[2] * h) * scale;
@@ -520,6 +585,13 @@ impl Search {
                     }
                 }
                 moved = next_moved;
+            }
+        }
+        if !self.feasible {
+            for (growth, missing) in self.growth.iter_mut().zip(&self.missing) {
+                for (growth, missing) in growth.iter_mut().zip(missing) {
+                    *growth += missing;
+                }
             }
         }
         self.positive = 0.0;
