@@ -261,14 +261,14 @@ impl Search {
                 self.approach(window, share);
             }
             let now = self.time(window);
-            fresh = fresh && now < 0.8 * time;
+            fresh = !again.kept && share >= 0.6 && now < 0.85 * time;
             growing = share >= 0.8 && now < 0.94 * time;
             let settled = (now - time).abs() < 1e-5 * now;
             time = now;
             self.steps += 1;
             trace(n, step, share, prices, barrier_share, time, fresh, growing, self.feasible);
             full = if share >= 0.9 && barrier_share <= again.last { full + 1 } else { 0 };
-            if self.feasible && (full >= 3 || (full >= 1 && settled)) {
+            if self.feasible && (full >= 8 || (full >= 1 && settled)) {
                 break;
             }
         }
