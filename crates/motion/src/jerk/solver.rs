@@ -75,6 +75,9 @@ const SLACK: f64 = 0.1;
 /// Share of the way to the nearest limit that a step goes at most.
 const NEAR: f64 = 0.97;
 
+/// Short steps after which a search from above the limits is given up.
+const STALLED: u32 = 4;
+
 /// What is measured of a guess against its limits.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Loads {
@@ -230,7 +233,7 @@ impl Search {
         let mut time = self.time(window);
         let mut barrier_share = again.first;
         let (mut fresh, mut growing) = (!again.kept, true);
-        let mut full = 0;
+        let (mut full, mut stalled) = (0, 0);
         for step in 0..MOST_STEPS {
             let unit = time / n as f64;
             self.price(barrier_share * unit, fresh);
@@ -259,6 +262,10 @@ impl Search {
                 self.measure(window);
             } else {
                 self.approach(window, share);
+                stalled += u32::from(share < 0.1);
+                if stalled > STALLED && !self.feasible {
+                    return false;
+                }
             }
             let now = self.time(window);
             fresh = !again.kept && share >= 0.6 && now < 0.85 * time;

@@ -96,21 +96,24 @@ impl Stretch {
     /// The fastest motion in the window that keeps the limits between borders too.
     fn search_within(&mut self, borders: &[Border], intervals: &mut [Interval], between: &[Between], begin: Begin) {
         let known = intervals.iter().rposition(|i| i.value > 0.0).map_or(0, |k| k + 1).max(begin.fixed());
-        let before: Vec<Interval> = intervals.to_vec();
+        let from_below: Vec<f64> = intervals.iter().map(|i| i.value).collect();
         let mut search = std::mem::take(&mut self.search);
         let mut window = Window {
             borders,
             intervals,
             begin,
         };
+        let trace = |x: String| if std::env::var("INSTR").is_ok() { eprintln!("{x}") };
         let shaped = self.shape(&mut window, known);
         let found = shaped && search.run(&mut window, COLD);
         if !found {
-            window.intervals.copy_from_slice(&before);
+            for (interval, old) in window.intervals.iter_mut().zip(&from_below) {
+                interval.value = *old;
+            }
             self.creep(&mut window, known);
-            search.run(&mut window, COLD);
+            let f = search.run(&mut window, COLD);
+            if !f { trace("CREEP NOT FOUND".into()); }
         }
-        let trace = |x: String| if std::env::var("INSTR").is_ok() { eprintln!("{x}") };
         trace(format!("FOUND shaped {shaped} found {found}"));
         for round in 1..MOST_ROUNDS {
             trace("ROUND".into());
@@ -127,7 +130,21 @@ impl Stretch {
             if !tightened {
                 break;
             }
-            search.run(&mut window, Again::ROUND);
+            let before: Vec<f64> = window.intervals.iter().map(|i| i.value).collect();
+            if !search.run(&mut window, Again::ROUND) {
+                // From far below, which always arrives.
+                trace("FROM BELOW".into());
+                for (interval, old) in window.intervals.iter_mut().zip(&from_below) {
+                    interval.value = *old;
+                }
+                self.creep(&mut window, known);
+                if !search.run(&mut window, COLD) {
+                    trace("NOT FOUND".into());
+                    for (interval, old) in window.intervals.iter_mut().zip(&before) {
+                        interval.value = *old;
+                    }
+                }
+            }
         }
         self.search = search;
     }
