@@ -579,6 +579,7 @@ impl<'a> Trajectory<'a> {
                 let j = (p - 3.0 * last[k] + 3.0 * before[k] - first[k]) / (TICK.0 * TICK.0 * TICK.0);
                 let worst = statistics.worst_jerk_ratio.unwrap_or(0.0);
                 statistics.worst_jerk_ratio = Some(worst.max(j.abs() / j_max[k].0));
+                if j.abs() > 1.001 * j_max[k].0 && std::env::var("INSTR").is_ok() { eprintln!("OVER j {} axis {k} sample {} pos {:?} path_length {} speed {}", j.abs() / j_max[k].0, statistics.samples, point.position, point.path_length, point.path_speed); }
             }
         }
         self.history = [point.position, last, before];

@@ -6,7 +6,7 @@
 //! How far a joint reaches is decided in [`Course::settle`], as soon as enough of the path behind it is known: as far as the tolerance
 //! allows, all joints added up.
 
-use super::kernel::{EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, easing, rounding, rounding_value, swing};
+use super::kernel::{EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, TURNING, easing, rounding, rounding_value, swing};
 use super::vector::{V3, add_scaled, length, minus, scaled};
 use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece, SLOWEST_SHARE};
 use plan::Path;
@@ -402,6 +402,27 @@ impl Course {
             }
         }
         (shortest, next)
+    }
+
+    /// Places between two lengths at which the third derivative steps: where the supports of corners and of steps of curvature end, and
+    /// where these turn.
+    pub(super) fn steps_between(&self, from: f64, to: f64) -> Vec<f64> {
+        let reach = self.farthest();
+        let low = self.joints.partition_point(|j| j.s < from - reach);
+        let mut places: Vec<f64> = vec![];
+        for joint in self.joints.range(low..).take_while(|j| j.s <= to + reach) {
+            let eased = joint.sizes[1] > 0.0;
+            if joint.half > 0.0 && (eased || joint.is_corner()) {
+                places.extend([joint.s - joint.half, joint.s + joint.half]);
+                if eased {
+                    let turn = joint.half * (1.0 - TURNING);
+                    places.extend([joint.s - turn, joint.s + turn]);
+                }
+            }
+        }
+        places.retain(|s| *s > from && *s < to);
+        places.sort_by(f64::total_cmp);
+        places
     }
 
     /// Forgets the spans that nothing from `s` on needs.

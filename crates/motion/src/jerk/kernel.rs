@@ -86,7 +86,7 @@ pub(super) fn rounding_value(d: f64, half: f64) -> f64 {
 }
 
 /// Where the third derivative of an easing changes its sign, from the edge: 1 - 2^(-1/3), so that its value is 0 at the joint.
-const TURNING: f64 = 0.2062994740159002;
+pub(super) const TURNING: f64 = 0.2062994740159002;
 /// Its third derivative: 1 / (2 - 4 TURNING), so that its second derivative steps by 1.
 const THIRD: f64 = 0.8512071919596574;
 

@@ -1,6 +1,6 @@
 //! A window of the grid is solved, and what the rest at its end does not slow down becomes phases.
 
-use super::super::solver::{Again, Begin, Border, COLD, Interval, Motion, Window};
+use super::super::solver::{Again, Begin, Border, COLD, Interval, Window};
 use super::phase::phase;
 use super::{Cell, Stretch};
 
@@ -10,8 +10,15 @@ const TOLERATED: f64 = 1.0018;
 /// Times that a window is solved again with less of the limits where more than them was used between borders.
 const MOST_ROUNDS: u32 = 12;
 
-/// The limits inside an interval, where they are others than at its borders.
-type Between = Option<[Border; 2]>;
+/// The limits at a share of an interval.
+struct Look {
+    interval: usize,
+    share: f64,
+    border: Border,
+}
+
+/// How far beside a step of the third derivative it is looked at, as a share of the interval.
+const BESIDE: f64 = 1e-6;
 
 /// Shares of an interval at which it is looked at.
 const PLACES: [f64; 2] = [0.33, 0.67];
@@ -48,10 +55,9 @@ impl Stretch {
             intervals[k].cap = intervals[k].cap.min(borders[k].cap.max(borders[k + 1].cap));
         }
         let between = self.between_borders(&intervals);
-        for (interval, between) in intervals.iter_mut().zip(&between) {
-            for border in between.iter().flatten() {
-                interval.cap = interval.cap.min(border.cap);
-            }
+        for look in &between {
+            let cap = &mut intervals[look.interval].cap;
+            *cap = cap.min(look.border.cap);
         }
         if begin == Begin::Moving {
             self.brake_caps(&mut borders, &mut intervals);
@@ -94,7 +100,7 @@ impl Stretch {
     }
 
     /// The fastest motion in the window that keeps the limits between borders too.
-    fn search_within(&mut self, borders: &[Border], intervals: &mut [Interval], between: &[Between], begin: Begin) {
+    fn search_within(&mut self, borders: &[Border], intervals: &mut [Interval], between: &[Look], begin: Begin) {
         let known = intervals.iter().rposition(|i| i.value > 0.0).map_or(0, |k| k + 1).max(begin.fixed());
         let from_below: Vec<f64> = intervals.iter().map(|i| i.value).collect();
         let mut search = std::mem::take(&mut self.search);
@@ -115,12 +121,13 @@ impl Stretch {
             if !f { trace("CREEP NOT FOUND".into()); }
         }
         trace(format!("FOUND shaped {shaped} found {found}"));
+        let mut loads = vec![];
         for round in 1..MOST_ROUNDS {
             trace("ROUND".into());
             let mut tightened = false;
-            for i in 1..window.intervals.len() - 1 {
-                let load = load_between(&window, i, &between[i]);
-                if load > TOLERATED {
+            loads_between(&window, between, &mut loads);
+            for (i, load) in loads.iter().enumerate() {
+                if *load > TOLERATED {
                     // What a few rounds did not mend is taken harder.
                     let more = 1.0 + 0.5 * f64::from(round);
                     window.intervals[i].share *= (1.0 - more * (load - 1.0)).max(0.5);
@@ -129,6 +136,10 @@ impl Stretch {
             }
             if !tightened {
                 break;
+            }
+            if round > 8 {
+                let w = loads.iter().enumerate().map(|(i, l)| (*l, i)).fold((0.0, 0), |a, b| if b.0 > a.0 { b } else { a });
+                trace(format!("LATE round {round} worst {w:?} share {} s {} width {} n {}", window.intervals[w.1].share, self.grid[w.1].s, window.intervals[w.1].width, window.intervals.len()));
             }
             let before: Vec<f64> = window.intervals.iter().map(|i| i.value).collect();
             if !search.run(&mut window, Again::ROUND) {
@@ -147,6 +158,29 @@ impl Stretch {
             }
         }
         self.search = search;
+        if std::env::var("INSTR").is_ok() {
+            for i in 1..window.intervals.len() - 1 {
+                let (here, next) = (window.motion(i), window.motion(i + 1));
+                let width = window.intervals[i].width;
+                let h = (next.g - here.g) / width;
+                let mut worst = (0.0f64, 0.0, 0);
+                for k in 0..=40 {
+                    let share = f64::from(k) / 40.0;
+                    let d = share * width;
+                    let border = self.cell(self.grid[i].s + d, 0.0).border;
+                    let (b, g) = (here.b + 2.0 * here.g * d + h * d * d, here.g + h * d);
+                    for axis in 0..3 {
+                        let [x, y, z] = border.jerk[axis];
+                        let j = (x * b + y * g + z * h).abs() * libm::sqrt(b.max(0.0));
+                        if j > worst.0 { worst = (j, share, axis); }
+                    }
+                }
+                if worst.0 > 1.004 {
+                    let (x, y, z) = (i, &window.borders[i].jerk[worst.2], &window.borders[i + 1].jerk[worst.2]);
+                    eprintln!("DENSE {worst:?} seen {} i {x} s {} width {width} time {} rows {y:?} {z:?} detail {:?} n {}", loads[i], self.grid[i].s, width / libm::sqrt(here.b), self.course.detail_at(self.course.span_at(self.grid[i].s), self.grid[i].s), window.intervals.len());
+                }
+            }
+        }
     }
 
     /// A motion to begin the search with, as near to the fastest one as can be told at once; `false` if it is too far above the limits.
@@ -367,39 +401,67 @@ impl Stretch {
         }
     }
 
-    /// The limits inside intervals, where they are others than at their borders.
-    fn between_borders(&self, intervals: &[Interval]) -> Vec<Between> {
+    /// The limits inside intervals, where they are others than at their borders, in order.
+    fn between_borders(&self, intervals: &[Interval]) -> Vec<Look> {
         // Straight ahead nothing happens between borders that does not happen at them.
         let bent = |border: &Border| border.jerk.iter().any(|r| r[0] != 0.0 || r[1] != 0.0);
-        (0..intervals.len())
-            .map(|i| {
-                let cell = &self.grid[i];
-                (bent(&cell.border) || bent(&self.grid[i + 1].border))
-                    .then(|| PLACES.map(|share| self.cell(cell.s + share * intervals[i].width, 0.0).border))
-            })
-            .collect()
+        let mut looks = vec![];
+        let (first, last) = (self.grid[0].s, self.grid[intervals.len()].s);
+        let steps = self.course.steps_between(first, last);
+        let mut step = 0;
+        let mut shares = vec![];
+        for (i, interval) in intervals.iter().enumerate() {
+            let (begin, end) = (self.grid[i].s, self.grid[i + 1].s);
+            shares.clear();
+            if bent(&self.grid[i].border) || bent(&self.grid[i + 1].border) {
+                shares.extend(PLACES);
+            }
+            while step < steps.len() && steps[step] < end {
+                let share = (steps[step] - begin) / interval.width;
+                shares.extend([share - BESIDE, share + BESIDE].into_iter().filter(|x| *x > 0.0 && *x < 1.0));
+                step += 1;
+            }
+            looks.extend(shares.iter().map(|share| Look {
+                interval: i,
+                share: *share,
+                border: self.cell(begin + share * interval.width, 0.0).border,
+            }));
+        }
+        looks
     }
 }
 
-/// Largest load of acceleration and jerk inside interval `i`.
-fn load_between(window: &Window<'_>, i: usize, between: &Between) -> f64 {
-    let Some(between) = between else { return 0.0 };
-    let (here, next) = (window.motion(i), window.motion(i + 1));
-    let h = (next.g - here.g) / window.intervals[i].width;
-    let mut worst = 0.0f64;
-    for (share, border) in PLACES.into_iter().zip(between) {
-        let d = share * window.intervals[i].width;
-        let motion = Motion {
-            b: here.b + 2.0 * here.g * d + h * d * d,
-            g: here.g + h * d,
-        };
-        let root = libm::sqrt(motion.b.max(0.0));
-        for axis in 0..3 {
-            let [x, y] = border.acceleration[axis];
-            worst = worst.max((x * motion.b + y * motion.g).abs());
-            let [x, y, z] = border.jerk[axis];
-            worst = worst.max((x * motion.b + y * motion.g + z * h).abs() * root);
+/// Largest loads of acceleration and jerk inside each interval.
+fn loads_between(window: &Window<'_>, looks: &[Look], loads: &mut Vec<f64>) {
+    let n = window.intervals.len();
+    loads.clear();
+    loads.resize(n, 0.0);
+    let mut looks = looks.iter().skip_while(|look| look.interval == 0).peekable();
+    for i in 1..n - 1 {
+        let (here, next) = (window.motion(i), window.motion(i + 1));
+        let width = window.intervals[i].width;
+        let h = (next.g - here.g) / width;
+        let worst = &mut loads[i];
+        // The speed may be more between the borders than at both.
+        let vertex = -here.g / h;
+        if h < 0.0 && vertex > 0.0 && vertex < width {
+            let root = libm::sqrt((here.b + here.g * vertex).max(0.0));
+            for [x, y, z] in window.borders[i].jerk {
+                if x == 0.0 && y == 0.0 {
+                    *worst = worst.max((z * h).abs() * root);
+                }
+            }
+        }
+        while let Some(look) = looks.next_if(|look| look.interval == i) {
+            let d = look.share * width;
+            let (b, g) = (here.b + 2.0 * here.g * d + h * d * d, here.g + h * d);
+            let root = libm::sqrt(b.max(0.0));
+            for axis in 0..3 {
+                let [x, y] = look.border.acceleration[axis];
+                *worst = worst.max((x * b + y * g).abs());
+                let [x, y, z] = look.border.jerk[axis];
+                *worst = worst.max((x * b + y * g + z * h).abs() * root);
+            }
         }
     }
-    worst
 }
