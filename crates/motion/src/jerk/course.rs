@@ -413,14 +413,14 @@ impl Course {
         for joint in self.joints.range(low..).take_while(|j| j.s <= to + reach) {
             let eased = joint.sizes[1] > 0.0;
             if joint.half > 0.0 && (eased || joint.is_corner()) {
-                places.extend([joint.s - joint.half, joint.s + joint.half]);
+                places.extend([joint.s - joint.half, joint.s, joint.s + joint.half]);
                 if eased {
                     let turn = joint.half * (1.0 - TURNING);
                     places.extend([joint.s - turn, joint.s + turn]);
                 }
             }
         }
-        places.retain(|s| *s > from && *s < to);
+        places.retain(|s| *s > from && *s <= to);
         places.sort_by(f64::total_cmp);
         places
     }

@@ -416,8 +416,9 @@ impl Stretch {
             if bent(&self.grid[i].border) || bent(&self.grid[i + 1].border) {
                 shares.extend(PLACES);
             }
-            while step < steps.len() && steps[step] < end {
-                let share = (steps[step] - begin) / interval.width;
+            // A border sees what is behind it.
+            while step < steps.len() && steps[step] <= end + BESIDE * interval.width {
+                let share = ((steps[step] - begin) / interval.width).min(1.0);
                 shares.extend([share - BESIDE, share + BESIDE].into_iter().filter(|x| *x > 0.0 && *x < 1.0));
                 step += 1;
             }
