@@ -360,6 +360,17 @@ impl Course {
         self.spans.partition_point(|span| span.start <= s).saturating_sub(1)
     }
 
+    /// Slowest feed between two lengths, mm/s.
+    pub(super) fn feed_between(&self, from: f64, to: f64, scale: f64) -> f64 {
+        let first = self.span_at(from);
+        let on_the_way = self.spans.range(first..).enumerate().take_while(|(k, span)| *k == 0 || span.start < to);
+        let feeds = on_the_way.map(|(_, span)| {
+            let (begin, end) = ((from - span.start).max(0.0), (to - span.start).min(span.length));
+            span.feed_between(begin.min(span.length), end, scale)
+        });
+        feeds.fold(f64::INFINITY, f64::min)
+    }
+
     /// A span by its index.
     pub(super) fn span(&self, k: usize) -> &Span {
         &self.spans[k]

@@ -56,6 +56,8 @@ pub(crate) struct JerkPlanner {
     position: [f64; 3],
     deviation: f64,
     feed_scale: f64,
+    /// What the set-point at hand was planned for.
+    planned_override: f64,
 }
 
 impl JerkPlanner {
@@ -74,6 +76,7 @@ impl JerkPlanner {
             position,
             deviation: 0.0,
             feed_scale: 1.0,
+            planned_override: 1.0,
         }
     }
 
@@ -179,6 +182,7 @@ impl JerkPlanner {
             let ([position, q1, q2, _], step) = leg.stretch.place(s);
             let velocity: [f64; 3] = std::array::from_fn(|k| q1[k] * speed);
             let acceleration = std::array::from_fn(|k| q2[k] * speed * speed + q1[k] * change);
+            self.planned_override = phase.feed_scale;
             return Some(Planned::SetPoint(self.set_point(position, velocity, acceleration, step)));
         }
     }
@@ -202,6 +206,7 @@ impl JerkPlanner {
             step,
             path_length: self.path_length,
             path_speed: vector::length(velocity),
+            planned_override: self.planned_override,
             ..SetPoint::default()
         }
     }

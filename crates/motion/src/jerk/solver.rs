@@ -234,7 +234,7 @@ impl Search {
         let mut barrier_share = again.first;
         let (mut fresh, mut growing) = (!again.kept, true);
         let (mut full, mut stalled) = (0, 0);
-        for step in 0..MOST_STEPS {
+        for _ in 0..MOST_STEPS {
             let unit = time / n as f64;
             self.price(barrier_share * unit, fresh);
             self.assemble(window, barrier_share * unit);
@@ -273,7 +273,6 @@ impl Search {
             let settled = (now - time).abs() < 1e-5 * now;
             time = now;
             self.steps += 1;
-            trace(n, step, share, prices, barrier_share, time, fresh, growing, self.feasible);
             full = if share >= 0.9 && barrier_share <= again.last { full + 1 } else { 0 };
             if self.feasible && (full >= 8 || (full >= 1 && settled)) {
                 break;
@@ -636,11 +635,5 @@ impl Search {
                 prices[at] += share * change;
             }
         }
-    }
-}
-
-fn trace(n: usize, step: usize, share: f64, prices: f64, barrier: f64, time: f64, fresh: bool, growing: bool, feasible: bool) {
-    if std::env::var("INSTR").is_ok() {
-        eprintln!("STEP n {n} step {step} share {share:.3} prices {prices:.3} bar {barrier:.2e} time {time:.6} fresh {fresh} growing {growing} feasible {feasible}");
     }
 }

@@ -56,6 +56,8 @@ struct Cell {
     interval: Interval,
     /// Estimated b.
     estimate: f64,
+    /// The multiplier of the programmed feeds that the interval was laid for.
+    feed_scale: f64,
 }
 
 /// A stretch being planned.
@@ -148,44 +150,62 @@ impl Stretch {
 
     /// Plans what the sampler has not begun again, with another multiplier of the programmed feeds.
     ///
-    /// The phase at hand and the coefficient of the one behind it stay: they determine speed and acceleration where the new plan begins.
+    /// The phase at hand and the coefficient of the one behind it stay: they determine speed and acceleration where the new plan begins. The
+    /// grid stays too, and the plan as it was is what the search begins with.
     pub(super) fn replan(&mut self, feed_scale: f64) {
-        if feed_scale == self.feed_scale {
+        let faster = feed_scale / self.feed_scale;
+        if faster == 1.0 {
             return;
         }
-        let slower = feed_scale < self.feed_scale;
         self.feed_scale = feed_scale;
-        let begun = self.moving || !self.phases.is_empty();
-        if !begun {
+        if self.phases.is_empty() && !self.moving {
             self.grid.clear();
             self.sights.clear();
             self.grid_end = 0.0;
             return;
         }
-        // What is planned is faster than it has to be; the machine slows it down, and there is no way to be slower at once.
-        if slower {
+        // What lies behind the grid is looked at again.
+        while self.sights.len() > 1 && self.sights.back().is_some_and(|sight| sight.s > self.grid_end) {
+            self.sights.pop_back();
+        }
+        // Slower: what is laid is faster than it has to be. The machine slows it down, for every phase tells what it was planned for.
+        if faster < 1.0 || self.phases.get(1).is_none_or(Phase::ends_at_rest) && self.planned {
             return;
         }
-        let fixed = match (self.phases.front(), self.phases.get(1)) {
-            (Some(here), Some(next)) if !next.ends_at_rest() => [(here.s, here.interval()), (next.s, next.interval())],
-            // Less than two phases before a rest: it is over before anything could change.
-            _ if self.planned => return,
-            _ => [0, 1].map(|k| (self.grid[k].s, self.grid[k].interval)),
-        };
+        if let Some(first) = self.sights.front_mut() {
+            first.rising *= faster * libm::sqrt(faster);
+        }
+        let mut cells: VecDeque<Cell> = self.phases.iter().map(|phase| self.cell_of(phase)).collect();
+        if self.planned {
+            cells.push_back(self.cell(self.grid_end, 0.0));
+        } else {
+            cells.extend(self.grid.iter().skip(usize::from(!cells.is_empty())));
+        }
+        for cell in &mut cells {
+            cell.feed_scale = feed_scale;
+            cell.estimate = (cell.estimate * faster * faster).max(cell.interval.value);
+            let border = self.cell(cell.s, 0.0).border;
+            cell.border = border;
+        }
+        for k in 1..cells.len() {
+            let (mut behind, mut cell) = (cells[k - 1], cells[k]);
+            let feed = self.course.feed_between(behind.s, cell.s, feed_scale);
+            self.cap(&mut behind, &mut cell, feed * feed);
+            (cells[k - 1], cells[k]) = (behind, cell);
+        }
+        self.grid = cells;
         self.phases.truncate(1);
         self.planned = false;
         self.moving = true;
-        let cells = fixed.map(|(s, interval)| Cell {
+    }
+
+    /// The cell of the grid that a phase was made of.
+    fn cell_of(&self, phase: &Phase) -> Cell {
+        let interval = phase.interval();
+        Cell {
             interval,
-            ..self.cell(s, interval.value)
-        });
-        let (s, value) = (fixed[1].0 + fixed[1].1.width, fixed[1].1.value);
-        let end = self.cell(s, value);
-        self.grid = VecDeque::from([cells[0], cells[1], end]);
-        self.grid_end = s;
-        let mut sight = self.sight(self.course.span_at(s), s, false);
-        sight.rising = sights::three_quarters(value);
-        self.sights = VecDeque::from([sight]);
+            ..self.cell(phase.s, interval.value)
+        }
     }
 
     /// The place at `s`, and the step there.

@@ -62,25 +62,28 @@ impl Stretch {
             for sight in self.sights.range(i..).take_while(|sight| sight.s < next) {
                 cap = cap.min(sight.cap_behind);
             }
-            behind.interval.share = 1.0;
-            // The feed is that of the path; where the curve cuts a corner s runs a little faster than the path.
-            let speed = |c: &Cell| {
-                c.border
-                    .acceleration
-                    .iter()
-                    .zip(&self.a_max)
-                    .map(|(r, a)| r[1] * a)
-                    .map(|q| q * q)
-                    .sum::<f64>()
-            };
-            behind.interval.cap = (cap / speed(behind).max(speed(&cell)).max(1e-18)).min(behind.border.cap.max(cell.border.cap));
-            let here = cap / speed(&cell).max(1e-18);
-            cell.border.cap = cell.border.cap.min(here);
-            behind.border.cap = behind.border.cap.min(cap / speed(behind).max(1e-18));
+            let mut before = *behind;
+            before.interval.share = 1.0;
+            self.cap(&mut before, &mut cell, cap);
+            *self.grid.back_mut().expect("it begins with one") = before;
             self.grid.push_back(cell);
             s = next;
         }
         self.grid_end = s;
+    }
+
+    /// The feed of an interval: `cap` is the square of the slowest one in it.
+    ///
+    /// The feed is that of the path; where the curve cuts a corner s runs a little faster than the path.
+    pub(super) fn cap(&self, behind: &mut Cell, cell: &mut Cell, cap: f64) {
+        let speed = |c: &Cell| {
+            let along = c.border.acceleration.iter().zip(&self.a_max).map(|(r, a)| r[1] * a);
+            along.map(|q| q * q).sum::<f64>().max(1e-18)
+        };
+        let (first, second) = (speed(behind), speed(cell));
+        behind.interval.cap = (cap / first.max(second)).min(behind.border.cap.max(cell.border.cap));
+        cell.border.cap = cell.border.cap.min(cap / second);
+        behind.border.cap = behind.border.cap.min(cap / first);
     }
 
     /// How wide an interval may be that begins at `s` behind sight `i`.
@@ -165,6 +168,7 @@ impl Stretch {
             border,
             interval: Interval::default(),
             estimate,
+            feed_scale: self.feed_scale,
         }
     }
 }

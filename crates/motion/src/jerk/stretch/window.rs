@@ -59,9 +59,6 @@ impl Stretch {
             let cap = &mut intervals[look.interval].cap;
             *cap = cap.min(look.border.cap);
         }
-        if begin == Begin::Moving {
-            self.brake_caps(&mut borders, &mut intervals);
-        }
         self.search_within(&borders, &mut intervals, &between, begin);
         let upto = if at_end {
             n
@@ -82,7 +79,7 @@ impl Stretch {
             begin,
         };
         for i in first..upto {
-            let phase = phase(&window, i, self.grid[i].s, at_end, self.feed_scale);
+            let phase = phase(&window, i, self.grid[i].s, at_end, self.grid[i].feed_scale);
             self.phases.push_back(phase);
         }
         for (cell, interval) in self.grid.iter_mut().zip(&intervals) {
@@ -95,7 +92,6 @@ impl Stretch {
             self.grid.drain(..upto - 1);
             self.moving = true;
         }
-        if std::env::var("INSTR").is_ok() { eprintln!("GIVEN {} of {n} at_end {at_end}", upto - first) };
         upto - first
     }
 
@@ -109,7 +105,6 @@ impl Stretch {
             intervals,
             begin,
         };
-        let trace = |x: String| if std::env::var("INSTR").is_ok() { eprintln!("{x}") };
         let shaped = self.shape(&mut window, known);
         let found = shaped && search.run(&mut window, COLD);
         if !found {
@@ -117,13 +112,10 @@ impl Stretch {
                 interval.value = *old;
             }
             self.creep(&mut window, known);
-            let f = search.run(&mut window, COLD);
-            if !f { trace("CREEP NOT FOUND".into()); }
+            search.run(&mut window, COLD);
         }
-        trace(format!("FOUND shaped {shaped} found {found}"));
         let mut loads = vec![];
         for round in 1..MOST_ROUNDS {
-            trace("ROUND".into());
             let mut tightened = false;
             loads_between(&window, between, &mut loads);
             for (i, load) in loads.iter().enumerate() {
@@ -137,20 +129,14 @@ impl Stretch {
             if !tightened {
                 break;
             }
-            if round > 8 {
-                let w = loads.iter().enumerate().map(|(i, l)| (*l, i)).fold((0.0, 0), |a, b| if b.0 > a.0 { b } else { a });
-                trace(format!("LATE round {round} worst {w:?} share {} s {} width {} n {}", window.intervals[w.1].share, self.grid[w.1].s, window.intervals[w.1].width, window.intervals.len()));
-            }
             let before: Vec<f64> = window.intervals.iter().map(|i| i.value).collect();
             if !search.run(&mut window, Again::ROUND) {
                 // From far below, which always arrives.
-                trace("FROM BELOW".into());
                 for (interval, old) in window.intervals.iter_mut().zip(&from_below) {
                     interval.value = *old;
                 }
                 self.creep(&mut window, known);
                 if !search.run(&mut window, COLD) {
-                    trace("NOT FOUND".into());
                     for (interval, old) in window.intervals.iter_mut().zip(&before) {
                         interval.value = *old;
                     }
@@ -158,29 +144,6 @@ impl Stretch {
             }
         }
         self.search = search;
-        if std::env::var("INSTR").is_ok() {
-            for i in 1..window.intervals.len() - 1 {
-                let (here, next) = (window.motion(i), window.motion(i + 1));
-                let width = window.intervals[i].width;
-                let h = (next.g - here.g) / width;
-                let mut worst = (0.0f64, 0.0, 0);
-                for k in 0..=40 {
-                    let share = f64::from(k) / 40.0;
-                    let d = share * width;
-                    let border = self.cell(self.grid[i].s + d, 0.0).border;
-                    let (b, g) = (here.b + 2.0 * here.g * d + h * d * d, here.g + h * d);
-                    for axis in 0..3 {
-                        let [x, y, z] = border.jerk[axis];
-                        let j = (x * b + y * g + z * h).abs() * libm::sqrt(b.max(0.0));
-                        if j > worst.0 { worst = (j, share, axis); }
-                    }
-                }
-                if worst.0 > 1.004 {
-                    let (x, y, z) = (i, &window.borders[i].jerk[worst.2], &window.borders[i + 1].jerk[worst.2]);
-                    eprintln!("DENSE {worst:?} seen {} i {x} s {} width {width} time {} rows {y:?} {z:?} detail {:?} n {}", loads[i], self.grid[i].s, width / libm::sqrt(here.b), self.course.detail_at(self.course.span_at(self.grid[i].s), self.grid[i].s), window.intervals.len());
-                }
-            }
-        }
     }
 
     /// A motion to begin the search with, as near to the fastest one as can be told at once; `false` if it is too far above the limits.
@@ -373,32 +336,6 @@ impl Stretch {
             limit(1, 0, intervals[0].width, 1.0, 1.0);
         }
         limit(n - 1, n, intervals[n - 1].width, -1.0, if at_end { 1.0 } else { PROVISIONAL });
-    }
-
-    /// A motion that is faster than a feed allows from here on may brake first: the caps begin above it and fall no faster than the axes can
-    /// brake.
-    fn brake_caps(&self, borders: &mut [Border], intervals: &mut [Interval]) {
-        let mut b = intervals[0].value.max(intervals[1].value) * 1.02;
-        for k in 1..intervals.len() {
-            if b <= intervals[k].cap.min(borders[k].cap) {
-                break;
-            }
-            borders[k].cap = borders[k].cap.max(b);
-            intervals[k].cap = intervals[k].cap.max(b);
-            let cell = &self.grid[k];
-            let (mut a, mut j) = (f64::INFINITY, f64::INFINITY);
-            for axis in 0..3 {
-                a = a.min(1.0 / cell.border.acceleration[axis][1].abs().max(1e-15));
-                j = j.min(1.0 / cell.border.jerk[axis][2].abs().max(1e-18));
-            }
-            // A quarter of what the axes have, for the path may bend; and the time to build it up is that of the way to there.
-            let way = self.grid[k].s - self.grid[0].s;
-            let built_up = 0.25 * j * way / libm::sqrt(b);
-            b -= 2.0 * (0.25 * a).min(built_up) * intervals[k].width;
-            if b <= 0.0 {
-                break;
-            }
-        }
     }
 
     /// The limits inside intervals, where they are others than at their borders, in order.
