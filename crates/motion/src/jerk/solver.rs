@@ -220,6 +220,13 @@ impl Again {
         slack: 0.003,
         kept: true,
     };
+    /// From a little below a solution.
+    pub(super) const BELOW: Again = Again {
+        first: 1e-2,
+        last: 2e-4,
+        slack: 0.01,
+        kept: false,
+    };
 }
 
 impl Search {

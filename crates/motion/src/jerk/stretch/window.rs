@@ -36,6 +36,9 @@ const PROVISIONAL: f64 = 0.3;
 /// Intervals over which a guess is made even, to both sides.
 const EVEN: usize = 8;
 
+/// Load between borders up to which the search goes on where it ended.
+const NEAR_ENOUGH: f64 = 1.01;
+
 /// Load up to which a guess may exceed limits.
 const GUESS_ABOVE: f64 = 3.0;
 
@@ -130,7 +133,18 @@ impl Stretch {
                 break;
             }
             let before: Vec<f64> = window.intervals.iter().map(|i| i.value).collect();
-            if !search.run(&mut window, Again::ROUND) {
+            let worst = loads.iter().copied().fold(0.0, f64::max);
+            let again = worst < NEAR_ENOUGH && search.run(&mut window, Again::ROUND) || {
+                // From a little below what was found.
+                let fixed = window.begin.fixed();
+                let less = 1.0 - 1.0 / libm::pow(worst, 1.5);
+                for (k, (interval, old)) in window.intervals.iter_mut().zip(&before).enumerate().skip(fixed) {
+                    let x = if fixed == 0 { 1.0 } else { ((k + 1 - fixed) as f64 / 24.0).min(1.0) };
+                    interval.value = old * (1.0 - (0.005 + less) * x * x * (3.0 - 2.0 * x));
+                }
+                search.run(&mut window, Again::BELOW)
+            };
+            if !again {
                 // From far below, which always arrives.
                 for (interval, old) in window.intervals.iter_mut().zip(&from_below) {
                     interval.value = *old;
