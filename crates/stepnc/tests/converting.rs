@@ -7,7 +7,7 @@ use plan::{Answer, MemorySource, NoOtherFiles, ProgramStream, Question, StepKind
 use std::sync::Arc;
 use stepnc::write::{WriteOptions, convert};
 use stepnc::{Program, StepNcStream, StreamOptions};
-use units::{Machine, Millimetres, MmPerSec, MmPerSec2, Point, Setup, Timestamp, ToolNumber, Transform, Vector};
+use units::{Machine, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Point, Setup, Timestamp, ToolNumber, Transform, Vector};
 
 fn gcode(text: &str, profile: &str, tables: &Tables) -> gcode::GcodeProgram {
     let profile = gcode::profile::by_name(profile).expect("the profile is known");
@@ -54,8 +54,7 @@ fn plan(stream: Box<dyn ProgramStream + '_>, tables: &Tables) -> Vec<(u64, [f64;
     let limits = Limits {
         v_max: [500.0; 3].map(MmPerSec),
         a_max: [3000.0; 3].map(MmPerSec2),
-        // As runs are planned; what a limit of jerk does to a last digit is in `docs/decisions/0010-jerk.md`.
-        j_max: None,
+        j_max: Some([50_000.0; 3].map(MmPerSec3)),
         tolerance: Millimetres(0.01),
     };
     let mut trajectory = Trajectory::new(stream, tables.position, limits);

@@ -24,6 +24,12 @@ const FARTHEST_SHARE: f64 = 7.0;
 /// Share of the tolerance that a joint plans with before neighbours of unequal reach are added up.
 const SHARE: f64 = 0.9;
 
+/// How exactly the largest reach is found, as a share.
+const REACH_ERROR: f64 = 1e-8;
+
+/// Share of a reach within which two places are the same.
+const HAIR: f64 = 1e-7;
+
 /// Ratio between the reaches that are tried.
 const FINER: f64 = 0.75;
 
@@ -309,9 +315,9 @@ impl Course {
             return half.max(0.0);
         }
         // What is off grows with the reach of one corner, and with the square of the reach over a bend.
-        let mut over = half;
+        let mut over = (half, load);
         for _ in 0..40 {
-            over = half;
+            over = (half, load);
             let alone = joint.sizes[0] * joint.peak() * half / tolerance;
             half *= FINER.min(if alone > 1.0 { 1.02 / alone } else { 1.0 }).max(0.9 / load);
             if half < 1e-9 {
@@ -322,21 +328,31 @@ impl Course {
                 break;
             }
         }
-        // The reach itself, not a step of the search: neighbours on an even bend have to reach evenly.
-        let (mut low, mut high) = (half, over);
-        for _ in 0..7 {
-            if high < 1.002 * low {
+        if load > 1.0 {
+            return 0.0;
+        }
+        // The reach itself, not a step of the search: neighbours on an even bend have to reach evenly, and a last digit of a coordinate must
+        // not make another curve. Between two reaches the load is about a power of the reach.
+        let mut within = (half, load);
+        let (mut low, mut high) = (libm::log(load.max(1e-9)), libm::log(over.1));
+        for _ in 0..12 {
+            if over.0 < within.0 * (1.0 + REACH_ERROR) || within.1 > 1.0 - REACH_ERROR {
                 break;
             }
-            let middle = (low * libm::sqrt(1.0 / load)).clamp(low + 0.1 * (high - low), high - 0.1 * (high - low));
+            let share = (-low / (high - low)).clamp(0.02, 0.98);
+            let middle = within.0 * libm::pow(over.0 / within.0, share);
             let there = off(middle);
+            let log = libm::log(there.max(1e-9));
+            // The side that stays counts half (Illinois), so that both close in.
             if there <= 1.0 {
-                (low, load) = (middle, there);
+                (within, low) = ((middle, there), log);
+                high *= 0.5;
             } else {
-                high = middle;
+                (over, high) = ((middle, there), log);
+                low *= 0.5;
             }
         }
-        low
+        within.0
     }
 
     /// What the joints around span `k` add at `s`, with these reaches.
@@ -383,7 +399,10 @@ impl Course {
         let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(self.joints.len()));
         for joint in self.joints.range(low..high) {
             let d = s - joint.s;
-            if d.abs() < joint.half {
+            if d.abs() < joint.half * (1.0 + HAIR) {
+                // On the end of its support it counts, whatever the last digit: the third derivative steps there.
+                let most = joint.half * (1.0 - HAIR);
+                let d = if d.abs() > most { most.copysign(d) } else { d };
                 let jet = joint.rounding(d);
                 for (derivative, factor) in place.iter_mut().zip(jet) {
                     add_scaled(derivative, joint.turn, factor);
@@ -405,9 +424,11 @@ impl Course {
         let (mut shortest, mut next) = (f64::INFINITY, f64::INFINITY);
         for joint in self.joints.range(low..high).filter(|j| j.half > 0.0) {
             let (begin, end) = (joint.s - joint.half, joint.s + joint.half);
-            if begin > s {
+            // A last digit does not tell two places apart.
+            let hair = 10.0 * HAIR * joint.half;
+            if begin > s + hair {
                 next = next.min(begin);
-            } else if end > s {
+            } else if end > s + hair {
                 shortest = shortest.min(joint.half);
                 next = next.min(end);
             }

@@ -3,6 +3,9 @@
 use super::super::solver::{Border, Interval};
 use super::{CRUISE, Cell, FIRST, GROWTH, INTERVAL, MOST_INTERVALS, Stretch};
 
+/// Share of an interval by which two places may differ that are the same: a last digit of a coordinate must not make another grid.
+const HAIR: f64 = 1e-6;
+
 impl Stretch {
     /// Lays borders of the grid as far as the end of what is known has no influence; all the way when it is the end of the stretch.
     pub(super) fn lay_grid(&mut self, crowded: bool) {
@@ -29,20 +32,21 @@ impl Stretch {
         let mut i = 0;
         let mut s = self.grid_end;
         while s < to && self.grid.len() < MOST_INTERVALS {
-            while i + 2 < n && self.sights[i + 1].s <= s {
+            while i + 2 < n && self.sights[i + 1].s <= s + HAIR * (self.sights[i + 1].s - self.sights[i].s) {
                 i += 1;
             }
             let width = self.width_at(i, s, to, total);
+            let hair = HAIR * width;
             let mut next = s + width;
             // Not over a place that has to be a border, and nothing tiny before it.
             let mut m = i + 1;
             while m < n {
                 let other = &self.sights[m];
-                if other.s > next + 0.5 * width {
+                if other.s > next + 0.5 * width + hair {
                     break;
                 }
                 if (other.border || m + 1 == n || other.s >= to) && other.s > s {
-                    next = if other.s > next { s + 0.5 * (other.s - s) } else { other.s };
+                    next = if other.s > next + hair { s + 0.5 * (other.s - s) } else { other.s };
                     break;
                 }
                 m += 1;
@@ -50,7 +54,7 @@ impl Stretch {
             let next = next.min(to);
             let (y, _) = {
                 let mut m = i;
-                while m + 2 < n && self.sights[m + 1].s <= next {
+                while m + 2 < n && self.sights[m + 1].s <= next + hair {
                     m += 1;
                 }
                 Self::between(&self.sights[m], &self.sights[m + 1], next)
@@ -59,7 +63,7 @@ impl Stretch {
             let behind = self.grid.back_mut().expect("it begins with one");
             behind.interval.width = next - s;
             let mut cap = f64::INFINITY;
-            for sight in self.sights.range(i..).take_while(|sight| sight.s < next) {
+            for sight in self.sights.range(i..).take_while(|sight| sight.s < next - hair) {
                 cap = cap.min(sight.cap_behind);
             }
             let mut before = *behind;
@@ -128,7 +132,7 @@ impl Stretch {
             let mut m = i;
             let end = s + width;
             let mut narrow = width;
-            while m + 2 < n && self.sights[m + 1].s <= end {
+            while m + 2 < n && self.sights[m + 1].s <= end + HAIR * width {
                 m += 1;
                 narrow = narrow.min(self.sights[m].detail.max(self.sights[m].s - s));
             }
