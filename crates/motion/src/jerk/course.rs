@@ -394,28 +394,42 @@ impl Course {
 
     /// The curve at `s`, which lies in span `k`.
     pub(super) fn at(&self, k: usize, s: f64) -> Place {
+        self.sides(k, s).0
+    }
+
+    /// The curve at `s`, which lies in span `k`, and its third derivative just before: it steps where a support ends and where an arc does.
+    pub(super) fn sides(&self, k: usize, s: f64) -> (Place, V3) {
         let span = &self.spans[k];
         let mut place = span.at(s - span.start);
+        let mut before = match k.checked_sub(1).map(|k| &self.spans[k]) {
+            Some(last) if s <= span.start && !(last.is_line() && span.is_line()) => last.at(last.length)[3],
+            _ => place[3],
+        };
         let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(self.joints.len()));
         for joint in self.joints.range(low..high) {
             let d = s - joint.s;
             if d.abs() < joint.half * (1.0 + HAIR) {
-                // On the end of its support it counts, whatever the last digit: the third derivative steps there.
+                // On the end of its support it is on one side, whatever the last digit.
                 let most = joint.half * (1.0 - HAIR);
-                let d = if d.abs() > most { most.copysign(d) } else { d };
-                let jet = joint.rounding(d);
-                for (derivative, factor) in place.iter_mut().zip(jet) {
-                    add_scaled(derivative, joint.turn, factor);
-                }
-                if joint.sizes[1] > 0.0 {
-                    let jet = easing(d, joint.half);
-                    for (derivative, factor) in place.iter_mut().zip(jet) {
-                        add_scaled(derivative, joint.bend, factor);
+                let (d, [is_behind, is_before]) = match d {
+                    _ if d > most => (most, [0.0, 1.0]),
+                    _ if d < -most => (-most, [1.0, 0.0]),
+                    _ => (d, [1.0, 1.0]),
+                };
+                let mut add = |jet: Jet, step: V3| {
+                    for (derivative, factor) in place.iter_mut().zip(jet).take(3) {
+                        add_scaled(derivative, step, factor);
                     }
+                    add_scaled(&mut place[3], step, jet[3] * is_behind);
+                    add_scaled(&mut before, step, jet[3] * is_before);
+                };
+                add(joint.rounding(d), joint.turn);
+                if joint.sizes[1] > 0.0 {
+                    add(easing(d, joint.half), joint.bend);
                 }
             }
         }
-        place
+        (place, before)
     }
 
     /// Shortest reach of the joints whose support holds `s`, and where the next support begins or ends.

@@ -23,6 +23,22 @@ pub(super) struct Border {
     pub(super) acceleration: [[f64; 2]; 3],
     /// q''', 3 q'' and q' of each axis over its jerk limit.
     pub(super) jerk: [[f64; 3]; 3],
+    /// The first of them just before the border, for the interval that ends there: the third derivative may step.
+    pub(super) third_before: [f64; 3],
+}
+
+impl Border {
+    /// The row of jerk of an axis for the interval behind the border (0) or before it (1).
+    #[inline(always)]
+    fn jerk_row(&self, end: usize, axis: usize) -> [f64; 3] {
+        let [x, y, z] = self.jerk[axis];
+        [if end == 0 { x } else { self.third_before[axis] }, y, z]
+    }
+
+    /// True where the path is no straight line on one side.
+    pub(super) fn is_bent(&self) -> bool {
+        self.jerk.iter().any(|r| r[0] != 0.0 || r[1] != 0.0) || self.third_before != [0.0; 3]
+    }
 }
 
 /// An interval of the grid.
@@ -157,7 +173,8 @@ impl Window<'_> {
                 let h = (next.g - here.g) / interval.width;
                 for (k, motion) in [here, next].into_iter().enumerate() {
                     let mut jerk = 0.0f64;
-                    for row in &self.borders[i + k].jerk {
+                    for axis in 0..3 {
+                        let row = self.borders[i + k].jerk_row(k, axis);
                         jerk = jerk.max((row[0] * motion.b + row[1] * motion.g + row[2] * h).abs());
                     }
                     load.jerk[k] = jerk * libm::sqrt(motion.b.max(0.0)) / interval.share;
@@ -277,7 +294,7 @@ impl Search {
             let now = self.time(window);
             fresh = !again.kept && share >= 0.6 && now < 0.85 * time;
             growing = share >= 0.8 && now < 0.94 * time;
-            let settled = (now - time).abs() < 1e-5 * now;
+            let settled = (now - time).abs() < 1e-7 * now;
             time = now;
             self.steps += 1;
             full = if share >= 0.9 && barrier_share <= again.last { full + 1 } else { 0 };
@@ -299,7 +316,7 @@ impl Search {
         self.roots.resize(n, 1.0);
         self.axes.clear();
         let moves = |k: &usize| {
-            let rows = |b: &Border| b.jerk[*k] != [0.0; 3] || b.acceleration[*k] != [0.0; 2];
+            let rows = |b: &Border| b.jerk[*k] != [0.0; 3] || b.acceleration[*k] != [0.0; 2] || b.third_before[*k] != 0.0;
             window.borders.iter().any(rows)
         };
         self.axes.extend((0..3).filter(moves));
@@ -406,7 +423,7 @@ impl Search {
                     let most = interval.share;
                     let root = root * most;
                     for k in &self.axes {
-                        let row = window.borders[i + end].jerk[*k];
+                        let row = window.borders[i + end].jerk_row(end, *k);
                         let load = row[0] * motion.b + row[1] * motion.g + row[2] * h;
                         let (up, down) = (root - load, root + load);
                         let both = most / (up * down);
@@ -492,7 +509,7 @@ impl Search {
                     let scale = 1.0 / interval.share;
                     let at = JERK[end];
                     for k in axes {
-                        let row = window.borders[i + end].jerk[*k];
+                        let row = window.borders[i + end].jerk_row(end, *k);
                         let (x, y, z) = (row[0] * scale, row[1] * scale, row[2] * scale);
                         let (p, m) = (over[at + k], over[at + 3 + k]);
                         let along = p - m;
@@ -591,7 +608,7 @@ impl Search {
                     let fall = -0.5 * root * root * root * moved.b;
                     let scale = 1.0 / interval.share;
                     for k in &self.axes {
-                        let row = window.borders[i + end].jerk[*k];
+                        let row = window.borders[i + end].jerk_row(end, *k);
                         let change = (row[0] * moved.b + row[1] * moved.g + row[2] * h) * scale;
                         growth[JERK[end] + k] = fall - change;
                         growth[JERK[end] + 3 + k] = fall + change;

@@ -155,8 +155,7 @@ impl Stretch {
     /// The limits at a border of the grid.
     pub(super) fn cell(&self, s: f64, estimate: f64) -> Cell {
         let k = self.course.span_at(s).min(self.course.len().saturating_sub(1));
-        let place = self.course.at(k, s);
-        let [_, q1, q2, q3] = place;
+        let ([_, q1, q2, q3], before) = self.course.sides(k, s);
         let mut cap = f64::INFINITY;
         let mut border = Border::default();
         for axis in 0..3 {
@@ -164,6 +163,7 @@ impl Stretch {
             let over = v / q1[axis].abs().max(1e-9);
             cap = cap.min(over * over);
             border.acceleration[axis] = [q2[axis] / a, q1[axis] / a];
+            border.third_before[axis] = before[axis] / j;
             border.jerk[axis] = [q3[axis] / j, 3.0 * q2[axis] / j, q1[axis] / j];
         }
         border.cap = cap;

@@ -262,6 +262,7 @@ impl Stretch {
                 let [x, y] = border.acceleration[axis].map(f64::abs);
                 creep = creep.min(1.0 / (x + y / interval.width));
                 let [x, y, z] = border.jerk[axis].map(f64::abs);
+                let x = x.max(border.third_before[axis].abs());
                 let most = 1.0 / (x + y / interval.width + z / (interval.width * interval.width));
                 creep = creep.min(libm::cbrt(most * most));
             }
@@ -323,7 +324,8 @@ impl Stretch {
             let (mut jerk, mut acceleration) = (0.0f64, 0.0f64);
             let mut look = |border: &Border, time: f64| {
                 let v2 = time * time * time * time;
-                for row in &border.jerk {
+                for (row, before) in border.jerk.iter().zip(border.third_before) {
+                    let row = if row[0].abs() > before.abs() { *row } else { [before, row[1], row[2]] };
                     jerk = jerk.max((row[0] * v2 * time * time + row[1] * time * time * time * g + row[2] * third).abs());
                 }
                 for row in &border.acceleration {
@@ -332,8 +334,7 @@ impl Stretch {
             };
             look(&borders[at], 1.0);
             look(&borders[rest], 0.0);
-            let bent = |border: &Border| border.jerk.iter().any(|r| r[0] != 0.0 || r[1] != 0.0);
-            if bent(&borders[at]) || bent(&borders[rest]) {
+            if borders[at].is_bent() || borders[rest].is_bent() {
                 for k in 1..8 {
                     let time = f64::from(k) / 8.0;
                     let s = self.grid[rest].s + direction * width * time * time * time;
@@ -355,7 +356,6 @@ impl Stretch {
     /// The limits inside intervals, where they are others than at their borders, in order.
     fn between_borders(&self, intervals: &[Interval]) -> Vec<Look> {
         // Straight ahead nothing happens between borders that does not happen at them.
-        let bent = |border: &Border| border.jerk.iter().any(|r| r[0] != 0.0 || r[1] != 0.0);
         let mut looks = vec![];
         let (first, last) = (self.grid[0].s, self.grid[intervals.len()].s);
         let steps = self.course.steps_between(first, last);
@@ -364,7 +364,7 @@ impl Stretch {
         for (i, interval) in intervals.iter().enumerate() {
             let (begin, end) = (self.grid[i].s, self.grid[i + 1].s);
             shares.clear();
-            if bent(&self.grid[i].border) || bent(&self.grid[i + 1].border) {
+            if self.grid[i].border.is_bent() || self.grid[i + 1].border.is_bent() {
                 shares.extend(PLACES);
             }
             // A border sees what is behind it.
