@@ -83,7 +83,7 @@ fn tie(first: f64, second: f64) -> f64 {
 }
 
 /// Largest number of Newton steps; a window takes some twenty.
-const MOST_STEPS: usize = 80;
+const MOST_STEPS: usize = 160;
 
 /// Share of itself that a limit has as room at first where the guess exceeds it.
 const SLACK: f64 = 0.1;

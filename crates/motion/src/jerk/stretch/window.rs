@@ -237,19 +237,28 @@ impl Stretch {
             }
             return true;
         }
-        // The old plan brakes from somewhere on; it is left before.
+        // The old plan brakes from somewhere on; it is left where that exceeds the limits least.
         let top = old[1].max(old[fixed.min(n - 1)]);
-        let upto = (fixed..known).find(|k| old[*k] < 0.3 * top).unwrap_or(known);
-        if upto < fixed + EVEN {
-            return false;
+        let braked = (fixed..known).find(|k| old[*k] < 0.3 * top).unwrap_or(known);
+        let ways = [0.2, 0.4, 0.6, 0.8].map(|share| fixed + (share * (known - fixed) as f64) as usize);
+        let mut best = (GUESS_ABOVE, vec![]);
+        for upto in ways.into_iter().chain([braked]).filter(|upto| *upto >= fixed + EVEN) {
+            let from = upto.saturating_sub(4 * EVEN).max(fixed);
+            for k in fixed..n {
+                let x = ((k + 1).saturating_sub(from) as f64 / (upto - from) as f64).min(1.0);
+                let share = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x);
+                window.intervals[k].value = (1.0 - share) * old[k] + share * even[k] * scale;
+            }
+            window.loads(&mut loads);
+            let most = loads.iter().map(|load| load.worst()).fold(0.0, f64::max);
+            if most < best.0 {
+                best = (most, window.intervals.iter().map(|i| i.value).collect());
+            }
         }
-        for k in fixed..n {
-            let x = ((k - fixed + 1) as f64 / (upto - fixed) as f64).min(1.0);
-            let share = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x);
-            window.intervals[k].value = (1.0 - share) * old[k] + share * even[k] * scale;
+        for (interval, value) in window.intervals.iter_mut().zip(&best.1) {
+            interval.value = *value;
         }
-        window.loads(&mut loads);
-        loads.iter().all(|load| load.worst() < GUESS_ABOVE)
+        !best.1.is_empty()
     }
 
     /// A motion within all limits to begin the search with: what was planned before, and behind it a creep.
