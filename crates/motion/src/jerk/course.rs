@@ -6,7 +6,7 @@
 //! How far a joint reaches is decided in [`Course::settle`], as soon as enough of the path behind it is known: as far as the tolerance
 //! allows, all joints added up.
 
-use super::kernel::{EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, TURNING, easing, rounding, rounding_value, swing};
+use super::kernel::{EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, TURNING, easing, rounding, rounding_value, rounding_value_over, swing};
 use super::vector::{V3, add_scaled, length, minus, scaled};
 use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece, SLOWEST_SHARE};
 use plan::Path;
@@ -113,6 +113,15 @@ impl Joint {
     }
 }
 
+/// What a joint near another one adds to the path there.
+#[derive(Clone, Copy, Default)]
+struct Near {
+    d: f64,
+    is_corner: bool,
+    turn: V3,
+    bend: Option<V3>,
+}
+
 /// One stretch.
 #[derive(Debug, Default)]
 pub(super) struct Course {
@@ -206,7 +215,7 @@ impl Course {
         let first = self.settled;
         let mut reach: Vec<f64> = self.joints.iter().map(|j| j.half).collect();
         for k in first..count {
-            reach[k] = self.widest(k, end);
+            reach[k] = self.widest(k, end, &reach);
         }
         // Two neighbours differ by no more than their distance, so that the smooth part beside a sharp corner does not reach over it.
         let gap = |k: usize| self.joints[k].s - self.joints[k - 1].s;
@@ -282,7 +291,7 @@ impl Course {
     }
 
     /// The largest reach of joint `k` with which it and its neighbours, all reaching as far, stay within the tolerance at it.
-    fn widest(&self, k: usize, end: f64) -> f64 {
+    fn widest(&self, k: usize, end: f64, found: &[f64]) -> f64 {
         let joint = &self.joints[k];
         // Alone it may use all of it.
         let share = if joint.is_corner() { 0.995 } else { SHARE };
@@ -294,15 +303,32 @@ impl Course {
             .min(FARTHEST.max(FARTHEST_SHARE * tolerance))
             .min(joint.s)
             .min(end - joint.s);
+        // Those that may reach here, by how far away they are.
+        let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(count));
+        let mut near = [Near::default(); 2 * REACH + 1];
+        let mut few = 0;
+        for other in self.joints.range(low..high) {
+            let d = joint.s - other.s;
+            if d.abs() < by_count {
+                near[few] = Near {
+                    d,
+                    is_corner: other.is_corner(),
+                    turn: other.turn,
+                    bend: (other.sizes[1] > 0.0).then_some(other.bend),
+                };
+                few += 1;
+            }
+        }
+        let near = &near[..few];
         let off = |half: f64| {
-            let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(count));
             let mut off = [0.0; 3];
-            for other in self.joints.range(low..high) {
-                let d = joint.s - other.s;
+            let over = 2.0 / half;
+            for Near { d, is_corner, turn, bend } in near {
                 if d.abs() < half {
-                    add_scaled(&mut off, other.turn, other.rounding_value(d, half));
-                    if other.sizes[1] > 0.0 {
-                        add_scaled(&mut off, other.bend, easing(d, half)[0]);
+                    let value = if *is_corner { swing(*d, half)[0] } else { rounding_value_over(*d, 0.5 * half, over) };
+                    add_scaled(&mut off, *turn, value);
+                    if let Some(bend) = bend {
+                        add_scaled(&mut off, *bend, easing(*d, half)[0]);
                     }
                 }
             }
@@ -314,9 +340,16 @@ impl Course {
         if half <= 0.0 || load <= 1.0 {
             return half.max(0.0);
         }
-        // What is off grows with the reach of one corner, and with the square of the reach over a bend.
+        // What is off grows with the reach of one corner, and with the square of the reach over a bend. An even bend has its neighbour's.
         let mut over = (half, load);
+        let like = k.checked_sub(1).map_or(0.0, |before| 1.1 * found[before]);
+        if like > 0.0 && like < half {
+            (half, load) = (like, off(like));
+        }
         for _ in 0..40 {
+            if load <= 1.0 {
+                break;
+            }
             over = (half, load);
             let alone = joint.sizes[0] * joint.peak() * half / tolerance;
             half *= FINER.min(if alone > 1.0 { 1.02 / alone } else { 1.0 }).max(0.9 / load);
@@ -324,9 +357,6 @@ impl Course {
                 return 0.0;
             }
             load = off(half);
-            if load <= 1.0 {
-                break;
-            }
         }
         if load > 1.0 {
             return 0.0;
