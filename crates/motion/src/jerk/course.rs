@@ -32,6 +32,7 @@ const HAIR: f64 = 1e-7;
 
 /// Ratio between the reaches that are tried.
 const FINER: f64 = 0.75;
+const NEARER: f64 = 0.96;
 
 /// A move of the programmed path.
 #[derive(Debug)]
@@ -110,6 +111,29 @@ impl Joint {
 
     fn peak(&self) -> f64 {
         if self.is_corner() { SWING_PEAK } else { ROUNDING_PEAK }
+    }
+}
+
+/// Sides of a place.
+#[derive(Clone, Copy)]
+enum Side {
+    Before,
+    Behind,
+}
+
+/// Adds what a joint makes of a place; what its third derivative has on one side only is `missing` on the other.
+#[inline(always)]
+fn add_jet(place: &mut Place, missing: &mut V3, mut jet: Jet, step: V3, only: Option<Side>) {
+    match only {
+        None => {}
+        Some(Side::Behind) => add_scaled(missing, step, -jet[3]),
+        Some(Side::Before) => {
+            add_scaled(missing, step, jet[3]);
+            jet[3] = 0.0;
+        }
+    }
+    for n in 0..4 {
+        add_scaled(&mut place[n], step, jet[n]);
     }
 }
 
@@ -272,7 +296,7 @@ impl Course {
             } else {
                 0.0
             };
-            for place in [s - aside, s, s + aside] {
+            for place in [s, s - aside, s + aside].into_iter().take(if aside > 0.0 { 3 } else { 1 }) {
                 self.deviation = self.deviation.max(length(self.off(k, place, &reach)));
             }
         }
@@ -335,28 +359,35 @@ impl Course {
             // An easing is 0 at its own joint, and largest beside it.
             length(off).max(joint.sizes[1] * EASING_PEAK * half * half) / tolerance
         };
-        let mut half = by_count;
+        // An even bend has its neighbour's reach.
+        let like = k.checked_sub(1).map_or(0.0, |before| 1.02 * found[before]);
+        let mut half = if like > 0.0 { like.min(by_count) } else { by_count };
+        if half <= 0.0 {
+            return 0.0;
+        }
         let mut load = off(half);
-        if half <= 0.0 || load <= 1.0 {
-            return half.max(0.0);
+        if load <= 1.0 && half < by_count {
+            half = by_count;
+            load = off(half);
         }
-        // What is off grows with the reach of one corner, and with the square of the reach over a bend. An even bend has its neighbour's.
+        if load <= 1.0 {
+            return half;
+        }
+        // What is off grows with the reach of one corner, and with the square of the reach over a bend.
         let mut over = (half, load);
-        let like = k.checked_sub(1).map_or(0.0, |before| 1.1 * found[before]);
-        if like > 0.0 && like < half {
-            (half, load) = (like, off(like));
-        }
+        let mut finer = if half < by_count { NEARER } else { FINER };
         for _ in 0..40 {
             if load <= 1.0 {
                 break;
             }
             over = (half, load);
             let alone = joint.sizes[0] * joint.peak() * half / tolerance;
-            half *= FINER.min(if alone > 1.0 { 1.02 / alone } else { 1.0 }).max(0.9 / load);
+            half *= finer.min(if alone > 1.0 { 1.02 / alone } else { 1.0 }).max(0.9 / load);
             if half < 1e-9 {
                 return 0.0;
             }
             load = off(half);
+            finer = FINER;
         }
         if load > 1.0 {
             return 0.0;
@@ -365,6 +396,7 @@ impl Course {
         // not make another curve. Between two reaches the load is about a power of the reach.
         let mut within = (half, load);
         let (mut low, mut high) = (libm::log(load.max(1e-9)), libm::log(over.1));
+        let mut last = None;
         for _ in 0..12 {
             if over.0 < within.0 * (1.0 + REACH_ERROR) || within.1 > 1.0 - REACH_ERROR {
                 break;
@@ -373,14 +405,15 @@ impl Course {
             let middle = within.0 * libm::pow(over.0 / within.0, share);
             let there = off(middle);
             let log = libm::log(there.max(1e-9));
-            // The side that stays counts half (Illinois), so that both close in.
+            // A side that stays twice counts half (Illinois), so that both close in.
             if there <= 1.0 {
                 (within, low) = ((middle, there), log);
-                high *= 0.5;
+                high *= if last == Some(true) { 0.5 } else { 1.0 };
             } else {
                 (over, high) = ((middle, there), log);
-                low *= 0.5;
+                low *= if last == Some(false) { 0.5 } else { 1.0 };
             }
+            last = Some(there <= 1.0);
         }
         within.0
     }
@@ -431,35 +464,30 @@ impl Course {
     pub(super) fn sides(&self, k: usize, s: f64) -> (Place, V3) {
         let span = &self.spans[k];
         let mut place = span.at(s - span.start);
-        let mut before = match k.checked_sub(1).map(|k| &self.spans[k]) {
-            Some(last) if s <= span.start && !(last.is_line() && span.is_line()) => last.at(last.length)[3],
-            _ => place[3],
+        // What the third derivative just before is more than that behind.
+        let mut missing = match k.checked_sub(1).map(|k| &self.spans[k]) {
+            Some(last) if s <= span.start && !(last.is_line() && span.is_line()) => minus(last.at(last.length)[3], place[3]),
+            _ => [0.0; 3],
         };
         let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(self.joints.len()));
         for joint in self.joints.range(low..high) {
             let d = s - joint.s;
             if d.abs() < joint.half * (1.0 + HAIR) {
-                // On the end of its support it is on one side, whatever the last digit.
                 let most = joint.half * (1.0 - HAIR);
-                let (d, [is_behind, is_before]) = match d {
-                    _ if d > most => (most, [0.0, 1.0]),
-                    _ if d < -most => (-most, [1.0, 0.0]),
-                    _ => (d, [1.0, 1.0]),
+                // On the end of its support it is on one side, whatever the last digit.
+                let (d, only) = match d {
+                    _ if d > most => (most, Some(Side::Before)),
+                    _ if d < -most => (-most, Some(Side::Behind)),
+                    _ => (d, None),
                 };
-                let mut add = |jet: Jet, step: V3| {
-                    for (derivative, factor) in place.iter_mut().zip(jet).take(3) {
-                        add_scaled(derivative, step, factor);
-                    }
-                    add_scaled(&mut place[3], step, jet[3] * is_behind);
-                    add_scaled(&mut before, step, jet[3] * is_before);
-                };
-                add(joint.rounding(d), joint.turn);
+                add_jet(&mut place, &mut missing, joint.rounding(d), joint.turn, only);
                 if joint.sizes[1] > 0.0 {
-                    add(easing(d, joint.half), joint.bend);
+                    add_jet(&mut place, &mut missing, easing(d, joint.half), joint.bend, only);
                 }
             }
         }
-        (place, before)
+        add_scaled(&mut missing, place[3], 1.0);
+        (place, missing)
     }
 
     /// Shortest reach of the joints whose support holds `s`, and where the next support begins or ends.
