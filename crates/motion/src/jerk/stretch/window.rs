@@ -7,6 +7,9 @@ use super::{Cell, Stretch};
 /// Largest load between two borders that is left as it is.
 const TOLERATED: f64 = 1.0018;
 
+/// Load that is aimed at where one is above that.
+const AIMED: f64 = 1.0010;
+
 /// Times that a window is solved again with less of the limits where more than them was used between borders.
 const MOST_ROUNDS: u32 = 12;
 
@@ -125,7 +128,7 @@ impl Stretch {
                 if *load > TOLERATED {
                     // What a few rounds did not mend is taken harder.
                     let more = 1.0 + 0.5 * f64::from(round);
-                    window.intervals[i].share *= (1.0 - more * (load - 1.0)).max(0.5);
+                    window.intervals[i].share *= (1.0 - more * (load - AIMED)).max(0.5);
                     tightened = true;
                 }
             }
