@@ -24,6 +24,9 @@ impl CommandSource for Trajectory<'_> {
     fn next(&mut self, answer: Option<Answer>) -> Output {
         Trajectory::next(self, answer)
     }
+    fn set_override(&mut self, feed: f64, rapid: f64) {
+        Trajectory::set_override(self, feed, rapid);
+    }
     fn file_name(&self, file: FileId) -> &str {
         self.stream().file_name(file)
     }
