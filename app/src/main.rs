@@ -5,6 +5,7 @@
 mod cli;
 mod clock;
 mod commands;
+mod controller;
 mod execution;
 mod failure;
 mod files;

@@ -1,0 +1,3 @@
+//! The machine side as a process of its own.
+
+pub mod realtime;
