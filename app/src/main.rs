@@ -9,6 +9,7 @@ mod controller;
 mod execution;
 mod failure;
 mod files;
+mod live;
 mod net;
 mod planned_time;
 mod printed;

@@ -10,6 +10,12 @@ pub trait CommandSource {
     /// The next thing. `answer` is `Some` just after an [`Output::Ask`], and only then.
     fn next(&mut self, answer: Option<Answer>) -> Output;
 
+    /// False when there is nothing to give now and more may come: a live job whose next operation is not there yet. Not to be asked for
+    /// the next thing then.
+    fn is_ready(&mut self) -> bool {
+        true
+    }
+
     /// The name of a file that a step's origin speaks of; empty where there is none.
     fn file_name(&self, _file: FileId) -> &str {
         ""
@@ -29,6 +35,9 @@ impl<S: CommandSource + ?Sized> CommandSource for Box<S> {
     fn next(&mut self, answer: Option<Answer>) -> Output {
         (**self).next(answer)
     }
+    fn is_ready(&mut self) -> bool {
+        (**self).is_ready()
+    }
     fn file_name(&self, file: FileId) -> &str {
         (**self).file_name(file)
     }
@@ -37,6 +46,9 @@ impl<S: CommandSource + ?Sized> CommandSource for Box<S> {
 impl<S: CommandSource + ?Sized> CommandSource for &mut S {
     fn next(&mut self, answer: Option<Answer>) -> Output {
         (**self).next(answer)
+    }
+    fn is_ready(&mut self) -> bool {
+        (**self).is_ready()
     }
     fn file_name(&self, file: FileId) -> &str {
         (**self).file_name(file)
