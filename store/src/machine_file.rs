@@ -6,13 +6,14 @@
 //!
 //! Two machines are built in, `sim-mill` and `sim-lathe`; their texts are in `store/machines/` and are the examples to copy from.
 //!
-//! Not here yet, because nothing reads them yet: sensors, ports and certificates of links.
+//! Not here yet, because nothing reads them yet: sensors.
 
 use crate::{Retention, StoreError};
 use plan::Diagnostic;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::num::NonZeroU16;
+use std::path::{Path, PathBuf};
 use toml::Spanned;
 use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Rpm, Seconds, ToolNumber};
 
@@ -41,6 +42,23 @@ pub struct MachineFile {
     pub work_offsets: BTreeMap<String, [f64; 3]>,
     /// How long its records are kept.
     pub retention: Retention,
+    /// How its controller is reached.
+    pub link: LinkFile,
+}
+
+/// Ports and certificates of the set-point link. The certificates of a controller and of a computer that drives one are named alike.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LinkFile {
+    /// Port on which the controller listens.
+    pub port: Option<u16>,
+    /// Port on which the driving side listens for the reports of the text link.
+    pub report_port: Option<u16>,
+    /// Who this side is, PEM.
+    pub certificate: Option<PathBuf>,
+    /// The key to it, PEM.
+    pub key: Option<PathBuf>,
+    /// Whose signature the other side's certificate has to bear, PEM.
+    pub authority: Option<PathBuf>,
 }
 
 /// What kind of machine.
@@ -172,7 +190,13 @@ impl MachineFile {
     /// It cannot be read, is no UTF-8, or [`MachineFile::parse`] refuses it.
     pub fn open(path: &Path) -> Result<MachineFile, StoreError> {
         let text = std::fs::read_to_string(path).map_err(StoreError::io("read", path))?;
-        Self::parse(&text, &path.display().to_string())
+        let mut machine = Self::parse(&text, &path.display().to_string())?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let link = &mut machine.link;
+        for file in [&mut link.certificate, &mut link.key, &mut link.authority].into_iter().flatten() {
+            *file = folder.join(&file);
+        }
+        Ok(machine)
     }
 
     /// Reads the text of a machine file; `file` is its name in messages.
@@ -231,6 +255,18 @@ struct Text {
     tools: Vec<ToolText>,
     #[serde(default)]
     store: StoreText,
+    #[serde(default)]
+    link: LinkText,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LinkText {
+    port: Option<NonZeroU16>,
+    report_port: Option<NonZeroU16>,
+    certificate: Option<PathBuf>,
+    key: Option<PathBuf>,
+    authority: Option<PathBuf>,
 }
 
 #[derive(Default, Deserialize)]
@@ -420,6 +456,13 @@ impl Text {
             retention: Retention {
                 raw_days: self.store.raw_days.map_or(Retention::default().raw_days, |days| days.0),
                 quota_bytes: self.store.quota_bytes.map(|bytes| bytes.0),
+            },
+            link: LinkFile {
+                port: self.link.port.map(NonZeroU16::get),
+                report_port: self.link.report_port.map(NonZeroU16::get),
+                certificate: self.link.certificate,
+                key: self.link.key,
+                authority: self.link.authority,
             },
         })
     }
