@@ -21,6 +21,8 @@ use crate::state::{Event, FaultCause, State, StopCause, Wait, next_state};
 use crate::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 use units::{Rpm, StepId, TICK, Tick, ToolNumber, WorkingstepId};
 
+mod withdraw;
+
 /// Commands that the queue takes: half a second of set-points.
 pub const QUEUE: usize = 512;
 

@@ -5,13 +5,14 @@
 //!
 //! Read on: [`command`] for what comes in, [`sample`] for what goes out and what a record's columns are, [`state`] for the table of
 //! states, [`controller`] for stopping on the path and supervision, [`drive`] for the border to real and simulated drives, [`plant`] for
-//! the simulated ones, [`realtime`] for all of it in one cycle.
+//! the simulated ones, [`realtime`] for all of it in one cycle, [`link`] for what comes and goes over a wire.
 
 #![no_std]
 
 pub mod command;
 pub mod controller;
 pub mod drive;
+pub mod link;
 pub mod parameters;
 pub mod plant;
 pub mod realtime;

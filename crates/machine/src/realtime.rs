@@ -74,6 +74,16 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
         self.controller.push(command)
     }
 
+    /// Takes the last commands of the queue back, as [`Controller::withdraw`].
+    pub fn withdraw(&mut self, count: usize) -> bool {
+        self.controller.withdraw(count)
+    }
+
+    /// Empties the queue at rest, as [`Controller::forget_queue`].
+    pub fn forget_queue(&mut self) -> bool {
+        self.controller.forget_queue()
+    }
+
     /// A request of a person.
     pub fn request(&mut self, request: Request) {
         self.controller.request(request);
