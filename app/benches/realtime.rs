@@ -1,7 +1,7 @@
 //! How late the realtime task wakes up on this machine under load, beside `cyclictest` in the same run.
 //!
 //! `cargo bench -p toolmark --bench realtime -- --seconds 60`: controller and simulated plant machine `corpus/bracket.stpnc` in real time,
-//! again and again, on a thread with the privileges that the system grants, while other threads load every processor and the disk. Then
+//! again and again, on a thread with the privileges that the system grants, while other threads load every processor, memory and disk. Then
 //! `cyclictest` (Debian: rt-tests) does the same time under the same load. With SCHED_FIFO, p99 above [`BUDGET_US`] or any allocation on
 //! the thread is exit code 1.
 
@@ -15,7 +15,7 @@ use cell::{Ended, OfficeHalf, Operator};
 use ledger::Chain;
 use machine::{MachineParameters, Plant, Quality, RealtimeHalf, Request};
 use motion::{Limits, Trajectory};
-use realtime::{Lateness, Privileges, Servo, every_cycle};
+use realtime::{AtOnce, Lateness, Privileges, Queued, Servo, Told, every_cycle};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::error::Error;
@@ -85,7 +85,7 @@ fn our_loop(seconds: u64) -> Result<bool, Box<dyn Error>> {
     let program = Arc::new(Program::read(PROGRAM, std::fs::read(corpus())?)?);
     let parameters = MachineParameters::small_machining_centre();
     let plant = Plant::new(&parameters, Point::ORIGIN, 1);
-    let (mut servo, mut ends) = Servo::new(RealtimeHalf::new(&parameters, plant, Quality::Simulated));
+    let (mut servo, mut ends) = Servo::new(RealtimeHalf::new(&parameters, plant, Quality::Simulated), None);
     let (lateness, stop) = (Lateness::default(), AtomicBool::new(false));
     let (allocations, privileges, cost, parts, counted) = std::thread::scope(|scope| {
         let thread = scope.spawn(|| {
@@ -99,7 +99,7 @@ fn our_loop(seconds: u64) -> Result<bool, Box<dyn Error>> {
             });
             (ALLOCATIONS.get() - before, privileges, cost.summary())
         });
-        ends.requests.push(Request::PowerOn).expect("the ring is empty");
+        ends.at_once.push(AtOnce::Request(Request::PowerOn)).expect("the ring is empty");
         let until = Instant::now() + Duration::from_secs(seconds);
         let (mut parts, mut position, mut counted) = (0, Point::ORIGIN, None);
         'parts: loop {
@@ -118,14 +118,14 @@ fn our_loop(seconds: u64) -> Result<bool, Box<dyn Error>> {
             // What an earlier part was counted as done is not this one's.
             let before = counted.map_or(0, |c: machine::Counters| c.completed);
             loop {
-                office.refill(|command| ends.commands.push(command).map_err(|rtrb::PushError::Full(back)| back));
-                while let Ok(mut report) = ends.reports.pop() {
+                office.refill(|command| ends.queued.push(Queued::Command(command)).map_err(|_| command));
+                while let Ok(Told { mut report, .. }) = ends.told.pop() {
                     counted = Some(report.counters);
                     position = Point::from_xyz(report.sample.commanded);
                     report.counters.completed -= before;
                     if let Some(request) = office.receive(&report, None, &mut ()) {
                         // Asked again with the next report when there is no place now.
-                        let _ = ends.requests.push(request);
+                        let _ = ends.at_once.push(AtOnce::Request(request));
                     }
                 }
                 if Instant::now() >= until {
@@ -208,7 +208,7 @@ fn cyclictest(seconds: u64) {
     println!("its own words: {}; {}", words("Max Latencies"), words("Histogram Overflows"));
 }
 
-/// Threads that load every processor twice and the disk.
+/// Threads that load every processor, the memory and the disk.
 struct Load {
     stop: Arc<AtomicBool>,
     threads: Vec<std::thread::JoinHandle<()>>,
@@ -218,13 +218,16 @@ impl Load {
     fn begin() -> Result<Load, Box<dyn Error>> {
         let stop = Arc::new(AtomicBool::new(false));
         let mut threads = Vec::new();
-        for _ in 0..2 * std::thread::available_parallelism()?.get() {
+        let processors = std::thread::available_parallelism()?.get();
+        // One to a processor works in its cache, as a compiler does; one copies between memory that no cache holds.
+        for words in [1 << 15; 64].into_iter().take(processors).chain([4 << 20]) {
             let stop = Arc::clone(&stop);
             threads.push(std::thread::spawn(move || {
-                // Copies between memory that no cache holds.
-                let (mut from, mut to) = (vec![1u64; 4 << 20], vec![0u64; 4 << 20]);
+                let (mut from, mut to) = (vec![1u64; words], vec![0u64; words]);
                 while !stop.load(Relaxed) {
-                    to.copy_from_slice(&from);
+                    for (to, from) in to.iter_mut().zip(&from) {
+                        *to = from.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(*to);
+                    }
                     std::mem::swap(&mut from, black_box(&mut to));
                 }
             }));

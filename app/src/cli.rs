@@ -105,12 +105,33 @@ pub enum Command {
     /// Bring a backup back into an empty data directory, checked before and after.
     #[command(after_help = RESTORE_HELP)]
     Restore(RestoreArgs),
+    /// The machine side of the set-point link, a process of its own: toolmark run --machine tcp://HOST:PORT drives it. Ctrl-C stops the
+    /// machine on its path and ends.
+    #[command(after_help = CONTROLLER_HELP)]
+    Controller(ControllerArgs),
     /// Keep a job's records whatever their age, or release them again; who and why is recorded.
     #[command(override_usage = "toolmark hold <JOB> --reason <TEXT>\n       toolmark hold <JOB> --release --reason <TEXT>")]
     Hold(HoldArgs),
     /// A measured size becomes one offset change: jobs of sizes, entries, history, undo, macro programs for a control.
     #[command(subcommand)]
     Size(SizeCommand),
+}
+
+const CONTROLLER_HELP: &str = "\
+One realtime thread wakes up each millisecond. With SCHED_FIFO, locked memory and a processor of its own it is punctual; what the system
+refuses of it is said at the start, and how late it was at the end.
+On an address that other computers reach, both sides prove who they are: certificate, key and authority in [link] of the machine file.
+  toolmark controller --machine mill-3.toml          then, elsewhere: toolmark run part.stpnc --machine tcp://127.0.0.1:7450";
+
+/// `toolmark controller`
+#[derive(Debug, Args)]
+pub struct ControllerArgs {
+    /// Port; 0 is any free one, and the first line says which [default: the machine file's, else 7450].
+    #[arg(long, value_name = "N")]
+    pub port: Option<u16>,
+    /// Address to listen on. Any but this computer's own needs certificates.
+    #[arg(long, value_name = "IP", default_value = "127.0.0.1")]
+    pub listen: std::net::IpAddr,
 }
 
 /// `toolmark hold`

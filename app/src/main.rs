@@ -9,6 +9,7 @@ mod controller;
 mod execution;
 mod failure;
 mod files;
+mod link;
 mod live;
 mod net;
 mod planned_time;
@@ -72,6 +73,7 @@ fn run(cli: &Cli) -> u8 {
         Command::Trace(args) => commands::trace::trace(args, common),
         Command::Backup(args) => commands::backup::backup(args, common),
         Command::Restore(args) => commands::backup::restore(args, common),
+        Command::Controller(args) => commands::controller::controller(args, common),
         Command::Hold(args) => commands::hold::hold(args, common),
         Command::Size(command) => commands::size::size(command, common),
     };

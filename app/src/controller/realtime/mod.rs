@@ -12,6 +12,7 @@ pub mod privileges;
 pub use lateness::{Lateness, Summary};
 pub use privileges::Privileges;
 
+use machine::link::{Follower, Order, Status, UrgentOrder};
 use machine::{Command, CyclicDrive, RealtimeHalf, Report, Request};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
@@ -44,49 +45,79 @@ pub fn every_cycle(lateness: &Lateness, stop: &AtomicBool, mut cycle: impl FnMut
     }
 }
 
+/// What goes to the machine in order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Queued {
+    /// From the default link, with the account of how far the plan is.
+    Order(Order),
+    /// From anybody else.
+    Command(Command),
+}
+
+/// What does not wait behind it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AtOnce {
+    /// From the default link.
+    Order(UrgentOrder),
+    /// A person's request, or the controller's own.
+    Request(Request),
+}
+
+/// One cycle as the other tasks hear of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// The cycle.
+    pub report: Report,
+    /// How far the plan of the default link is.
+    pub status: Status,
+}
+
 /// The realtime half with its ends of the rings.
 pub struct Servo<D> {
-    // On the heap: its queues are large for a stack.
+    // On the heap: their queues are large for a stack.
     half: Box<RealtimeHalf<D>>,
-    commands: Consumer<Command>,
-    requests: Consumer<Request>,
-    reports: Producer<Report>,
-    /// Taken from the ring, and the controller had no place for it.
-    waiting: Option<Command>,
+    /// The realtime end of the default link, where that is spoken.
+    follower: Option<Box<Follower>>,
+    queued: Consumer<Queued>,
+    at_once: Consumer<AtOnce>,
+    told: Producer<Told>,
+    /// Taken from the ring, and the machine had no place for it.
+    waiting: Option<Queued>,
     lost_reports: Arc<AtomicU64>,
 }
 
 /// The other ends.
 pub struct Ends {
-    /// Commands for the machine; full is an answer, and the sender gets no credit.
-    pub commands: Producer<Command>,
-    /// Requests of people; they overtake commands.
-    pub requests: Producer<Request>,
+    /// What the machine is to do; full is an answer, and the sender gets no credit.
+    pub queued: Producer<Queued>,
+    /// What overtakes it.
+    pub at_once: Producer<AtOnce>,
     /// One report a cycle.
-    pub reports: Consumer<Report>,
+    pub told: Consumer<Told>,
     /// Reports that found no place: a gap, counted.
     pub lost_reports: Arc<AtomicU64>,
 }
 
 impl<D: CyclicDrive> Servo<D> {
-    /// Joins a machine to rings.
-    pub fn new(half: RealtimeHalf<D>) -> (Servo<D>, Ends) {
-        let (to_commands, commands) = RingBuffer::new(COMMANDS);
-        let (to_requests, requests) = RingBuffer::new(REQUESTS);
-        let (reports, from_reports) = RingBuffer::new(REPORTS);
+    /// Joins a machine to rings; `follower` where the default link drives it.
+    pub fn new(half: RealtimeHalf<D>, follower: Option<Follower>) -> (Servo<D>, Ends) {
+        let (to_queued, queued) = RingBuffer::new(COMMANDS);
+        let (to_at_once, at_once) = RingBuffer::new(REQUESTS);
+        let (told, from_told) = RingBuffer::new(REPORTS);
         let lost_reports = Arc::new(AtomicU64::new(0));
         let servo = Servo {
             half: Box::new(half),
-            commands,
-            requests,
-            reports,
+            follower: follower.map(Box::new),
+            queued,
+            at_once,
+            told,
             waiting: None,
             lost_reports: Arc::clone(&lost_reports),
         };
         let ends = Ends {
-            commands: to_commands,
-            requests: to_requests,
-            reports: from_reports,
+            queued: to_queued,
+            at_once: to_at_once,
+            told: from_told,
             lost_reports,
         };
         (servo, ends)
@@ -94,22 +125,50 @@ impl<D: CyclicDrive> Servo<D> {
 
     /// One servo cycle. No allocation, no lock, no call of the system.
     pub fn cycle(&mut self, now: Tick) {
-        while let Ok(request) = self.requests.pop() {
-            self.half.request(request);
+        while let Ok(at_once) = self.at_once.pop() {
+            match (at_once, &mut self.follower) {
+                (AtOnce::Request(request), _) => self.half.request(request),
+                (AtOnce::Order(order), Some(follower)) => follower.take_urgent(order, &mut self.half),
+                // Nobody speaks the default link here.
+                (AtOnce::Order(_), None) => {}
+            }
         }
-        while let Some(command) = self.waiting.take().or_else(|| self.commands.pop().ok()) {
-            if let Err(back) = self.half.push(command) {
-                self.waiting = Some(back);
+        while let Some(queued) = self.waiting.take().or_else(|| self.queued.pop().ok()) {
+            let back = match (queued, &mut self.follower) {
+                (Queued::Command(command), _) => self.half.push(command).err().map(Queued::Command),
+                (Queued::Order(order), Some(follower)) => follower.take(order, &mut self.half).err().map(Queued::Order),
+                (Queued::Order(_), None) => None,
+            };
+            if back.is_some() {
+                self.waiting = back;
                 break;
             }
         }
         self.half.tick(now);
-        while !self.reports.is_full() {
+        if let Some(follower) = &mut self.follower {
+            follower.after_tick(&mut self.half);
+        }
+        while !self.told.is_full() {
             let Some(report) = self.half.report() else { break };
+            let told = match &self.follower {
+                Some(follower) => Told {
+                    report: follower.translated(report),
+                    status: follower.status(),
+                },
+                None => Told {
+                    report,
+                    status: Status::default(),
+                },
+            };
             // There was a place, and nobody else fills it.
-            let _ = self.reports.push(report);
+            let _ = self.told.push(told);
         }
         self.lost_reports.store(self.half.lost_reports(), Relaxed);
+    }
+
+    /// The drives, when all is over.
+    pub fn drive(&self) -> &D {
+        self.half.drive()
     }
 }
 
@@ -167,7 +226,7 @@ mod tests {
     fn servo() -> (Servo<Plant>, Ends) {
         let parameters = MachineParameters::small_machining_centre();
         let plant = Plant::new(&parameters, Point::ORIGIN, 1);
-        Servo::new(RealtimeHalf::new(&parameters, plant, Quality::Simulated))
+        Servo::new(RealtimeHalf::new(&parameters, plant, Quality::Simulated), None)
     }
 
     #[test]
@@ -193,7 +252,7 @@ mod tests {
     #[test]
     fn a_full_ring_keeps_what_it_could_not_take_and_nothing_is_lost() {
         let (mut servo, mut ends) = servo();
-        ends.requests.push(Request::PowerOn).expect("a place");
+        ends.at_once.push(AtOnce::Request(Request::PowerOn)).expect("a place");
         servo.cycle(Tick(0));
         let dwell = Command::Dwell {
             cycles: 1,
@@ -201,29 +260,29 @@ mod tests {
         };
         let (mut given, mut tick) = (0u64, 1);
         while given < 2000 {
-            match ends.commands.push(dwell) {
+            match ends.queued.push(Queued::Command(dwell)) {
                 Ok(()) => given += 1,
                 Err(_) => {
                     servo.cycle(Tick(tick));
                     tick += 1;
                 }
             }
-            while ends.reports.pop().is_ok() {}
+            while ends.told.pop().is_ok() {}
         }
         let mut last = None;
         for _ in 0..10_000 {
             servo.cycle(Tick(tick));
             tick += 1;
-            last = ends.reports.pop().ok();
+            last = ends.told.pop().ok();
         }
-        let last = last.expect("a report each cycle");
+        let last = last.expect("a report each cycle").report;
         assert_eq!((last.counters.completed, last.counters.discarded), (2000, 0));
     }
 
     #[test]
     fn reports_that_nobody_takes_are_counted_and_the_machine_goes_on() {
         let (mut servo, mut ends) = servo();
-        ends.requests.push(Request::PowerOn).expect("a place");
+        ends.at_once.push(AtOnce::Request(Request::PowerOn)).expect("a place");
         let cycles = REPORTS as u64 + 1000;
         for tick in 0..cycles {
             servo.cycle(Tick(tick));
@@ -231,9 +290,9 @@ mod tests {
         let lost = ends.lost_reports.load(Relaxed);
         let mut had = 0;
         let mut state = State::Off;
-        while let Ok(report) = ends.reports.pop() {
+        while let Ok(told) = ends.told.pop() {
             had += 1;
-            state = report.state;
+            state = told.report.state;
         }
         assert_eq!((had, lost), (REPORTS as u64, cycles - REPORTS as u64 - machine::realtime::REPORTS as u64));
         assert_eq!(state, State::Ready);
@@ -243,7 +302,7 @@ mod tests {
     fn a_request_overtakes_the_commands_before_it() {
         let (mut servo, mut ends) = servo();
         for request in [Request::PowerOn, Request::Stop] {
-            ends.requests.push(request).expect("a place");
+            ends.at_once.push(AtOnce::Request(request)).expect("a place");
         }
         for k in 0..50 {
             let at = SetPoint {
@@ -251,14 +310,14 @@ mod tests {
                 step: StepId(k),
                 ..SetPoint::default()
             };
-            ends.commands.push(Command::SetPoint(at)).expect("a place");
+            ends.queued.push(Queued::Command(Command::SetPoint(at))).expect("a place");
         }
         servo.cycle(Tick(0));
-        ends.requests.push(Request::PowerOff).expect("a place");
+        ends.at_once.push(AtOnce::Request(Request::PowerOff)).expect("a place");
         servo.cycle(Tick(1));
         let mut states = Vec::new();
-        while let Ok(report) = ends.reports.pop() {
-            states.push(report.state);
+        while let Ok(told) = ends.told.pop() {
+            states.push(told.report.state);
         }
         assert_eq!(states.last(), Some(&State::Off), "{states:?}");
     }
