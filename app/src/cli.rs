@@ -30,7 +30,8 @@ pub struct Common {
     /// Data directory [default: $TOOLMARK_DATA, else $XDG_DATA_HOME/toolmark, else ~/.local/share/toolmark].
     #[arg(long, global = true, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// The machine: sim (mill, or lathe when the program turns), sim-mill, sim-lathe, or a machine file.
+    /// The machine: sim (mill, or lathe when the program turns), sim-mill, sim-lathe, a machine file, or tcp://HOST:PORT of a toolmark
+    /// controller (run, live).
     #[arg(long, global = true, value_name = "M", default_value = "sim")]
     pub machine: String,
     /// Seed of everything random in a simulation; the same seed and start give the same bytes.
@@ -109,6 +110,9 @@ pub enum Command {
     /// machine on its path and ends.
     #[command(after_help = CONTROLLER_HELP)]
     Controller(ControllerArgs),
+    /// A job from a CAM add-in, one operation at a time over a socket, cut while more is coming; no file passes between.
+    #[command(after_help = LIVE_HELP)]
+    Live(LiveArgs),
     /// Keep a job's records whatever their age, or release them again; who and why is recorded.
     #[command(override_usage = "toolmark hold <JOB> --reason <TEXT>\n       toolmark hold <JOB> --release --reason <TEXT>")]
     Hold(HoldArgs),
@@ -132,6 +136,29 @@ pub struct ControllerArgs {
     /// Address to listen on. Any but this computer's own needs certificates.
     #[arg(long, value_name = "IP", default_value = "127.0.0.1")]
     pub listen: std::net::IpAddr,
+}
+
+const LIVE_HELP: &str = "\
+Each line is one JSON object: connect, operation, start, hold, resume, stop, end; docs/live-job.md tells all of it. Afterwards the job is as
+one from a file: plan.stpnc, as-executed.stpnc, report and record.
+  toolmark live --machine tcp://127.0.0.1:7450
+  echo '{\"connect\":{\"client\":\"me\",\"job\":\"plate\"}}' | nc 127.0.0.1 7460";
+
+/// `toolmark live`
+#[derive(Debug, Args)]
+pub struct LiveArgs {
+    /// Where the add-in connects to, on this computer; port 0 is any free one, and the first line says which.
+    #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:7460")]
+    pub listen: std::net::SocketAddr,
+    /// Also put the results here [default: the job's folder in the data directory].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Verdict: deviation allowed where an operation gives none, mm.
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    pub tolerance: Option<f64>,
+    /// The file of a machine behind tcp:// [default: machine.toml of the data directory, else the simulated machine].
+    #[arg(long, value_name = "F.toml")]
+    pub machine_file: Option<PathBuf>,
 }
 
 /// `toolmark hold`
@@ -387,6 +414,9 @@ pub struct RunArgs {
     /// Verdict: deviation allowed where the program gives none, mm.
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
+    /// The file of a machine behind tcp:// [default: machine.toml of the data directory, else the simulated machine].
+    #[arg(long, value_name = "F.toml")]
+    pub machine_file: Option<PathBuf>,
     /// Wrong set-up, for practice: the n-th workingstep runs with its work offset shifted by X,Y,Z mm; simulated machines only.
     #[arg(long, value_name = "N:X,Y,Z")]
     pub plant_shift: Option<String>,

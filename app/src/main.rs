@@ -74,6 +74,7 @@ fn run(cli: &Cli) -> u8 {
         Command::Backup(args) => commands::backup::backup(args, common),
         Command::Restore(args) => commands::backup::restore(args, common),
         Command::Controller(args) => commands::controller::controller(args, common),
+        Command::Live(args) => commands::live::live(args, common),
         Command::Hold(args) => commands::hold::hold(args, common),
         Command::Size(command) => commands::size::size(command, common),
     };

@@ -9,6 +9,7 @@ pub mod demo;
 pub mod edit;
 pub mod hold;
 pub mod inspect;
+pub mod live;
 pub mod macro_run;
 pub mod plan;
 pub mod rebuild;

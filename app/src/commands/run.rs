@@ -3,15 +3,22 @@
 use super::check::{print, travels, worst};
 use super::{Done, print_json, tolerance};
 use crate::cli::{Common, RunArgs};
-use crate::execution::{Order, run as execute};
+use crate::execution::{Drives, Order, Run, Work, run as execute};
 use crate::failure::{Exit, Failure};
+use crate::link::remote::{Machine, Remote};
+use crate::link::{address, certificates, driving};
 use crate::program::{Program, machine_for, named_machine};
-use crate::survey::{State, checks, minutes, survey};
+use crate::survey::{Check, State, checks, minutes, survey};
 use crate::{clock, report, say, shop};
 use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
+use ledger::Hash;
+use machine::link::PlanId;
+use plan::Tables;
 use serde_json::json;
-use units::Seconds;
+use std::path::Path;
+use store::MachineFile;
+use units::{Point, Seconds, Timestamp};
 
 /// Runs the command.
 ///
@@ -22,17 +29,27 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let thinned = args.as_mtconnect.as_deref().map(thinning).transpose()?;
     let shifted = args.plant_shift.as_deref().map(planted_shift).transpose()?;
     let start = clock::start_time(common.start.as_deref())?;
-    let mut program = Program::open(
-        &args.program,
-        common.dialect.as_deref(),
-        named_machine(&common.machine)?.as_ref(),
+    let behind = address::is_address(&common.machine);
+    if behind && args.fast {
+        return Err(Failure::usage("--fast is for the simulated world in this process; a controller runs in real time"));
+    }
+    let named = if behind { None } else { named_machine(&common.machine)? };
+    let mut program = Program::open(&args.program, common.dialect.as_deref(), named.as_ref())?;
+    let who = shop::operator(common);
+    let driver = Driver::connect(
+        common,
+        args.machine_file.as_deref(),
+        program.turns(),
+        &format!("{} of {who}", program.name),
+        start,
     )?;
-    let machine = machine_for(&common.machine, program.turns())?;
+    let machine = driver.machine.clone();
+    let stop = super::stopped_by_signals()?;
     let mut directory = shop::data_directory(common)?;
     shop::retain(&mut directory, &machine, start)?;
-    let who = shop::operator(common);
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
-    let tables = directory.tables(&machine).map_err(shop::failure)?;
+    let mut tables = directory.tables(&machine).map_err(shop::failure)?;
+    driver.place(&mut tables)?;
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
 
     let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
@@ -59,9 +76,12 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             found.workingsteps
         )));
     }
+    if shifted.is_some() && !driver.is_simulated() {
+        return Err(Failure::usage("--plant-shift is for practice on simulated machines only"));
+    }
     let faults = shifted.map(planted).into_iter().collect();
     let order = Order {
-        program: &program,
+        work: Work::Program(&program),
         machine: &machine,
         tables,
         seed: common.seed,
@@ -72,8 +92,87 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         tolerance,
         fast: args.fast,
         who: &who,
+        drives: drives_of(&driver),
+        stop: Some(&stop),
     };
     let done = execute(&order, &mut directory, None)?;
+    tell_outcome(&done, &program.name, &machine, &all, common)
+}
+
+/// The machine of a run: its file, and the link to it where it is somewhere else.
+pub struct Driver {
+    /// Its file.
+    pub machine: MachineFile,
+    behind: Option<(Remote, Machine)>,
+}
+
+/// Who moves the axes of an order.
+pub fn drives_of(driver: &Driver) -> Drives<'_> {
+    match &driver.behind {
+        None => Drives::World,
+        Some((remote, machine)) => Drives::Behind(remote, machine),
+    }
+}
+
+impl Driver {
+    /// The machine that `--machine` means; a controller is connected to, as `name`.
+    ///
+    /// # Errors
+    /// The machine file cannot be read, nobody answers, or the controller's machine is another one.
+    pub fn connect(common: &Common, file: Option<&Path>, turns: bool, name: &str, start: Timestamp) -> Result<Driver, Failure> {
+        if !address::is_address(&common.machine) {
+            if file.is_some() {
+                return Err(Failure::usage("--machine-file is for a machine behind tcp://; --machine takes a file itself"));
+            }
+            let machine = machine_for(&common.machine, turns)?;
+            return Ok(Driver { machine, behind: None });
+        }
+        let address = address::read(&common.machine)?;
+        let machine = match file {
+            Some(path) => MachineFile::open(path).map_err(shop::failure)?,
+            None => {
+                let own = shop::data_path(common)?.join("machine.toml");
+                if own.is_file() { MachineFile::open(&own).map_err(shop::failure)? } else { machine_for("sim", turns)? }
+            }
+        };
+        let loopback = address.resolve()?.iter().all(|a| a.ip().is_loopback());
+        let client = certificates::for_connecting(&address.host, loopback, &machine.link)?;
+        // Each run is a plan of its own: it begins where the machine stands now.
+        let plan = Hash::of(format!("{name} {}", start.0).as_bytes());
+        let plan = PlanId(plan.0);
+        let (remote, found) = Remote::connect(&address, client, name, plan, &shop::parameters(&machine))?;
+        if found.name != machine.name {
+            shop::notice(&format!("{address} is '{}'; the plan is made for '{}', which has the same limits", found.name, machine.name));
+        }
+        Ok(Driver {
+            machine,
+            behind: Some((remote, found)),
+        })
+    }
+
+    /// Puts the place where the machine stands into the tables: that is where a plan begins.
+    ///
+    /// # Errors
+    /// The machine does not become ready.
+    pub fn place(&self, tables: &mut Tables) -> Result<(), Failure> {
+        if let Some((remote, _)) = &self.behind {
+            let report = driving::make_ready(remote)?;
+            tables.position = Point::from_xyz(report.sample.commanded);
+        }
+        Ok(())
+    }
+
+    /// True when nothing of it is real.
+    pub fn is_simulated(&self) -> bool {
+        drives_of(self).is_simulated()
+    }
+}
+
+/// Says how a run ended.
+///
+/// # Errors
+/// The answer is no JSON.
+pub fn tell_outcome(done: &Run, program: &str, machine: &MachineFile, all: &[Check], common: &Common) -> Done {
     let good = done.outcome.ended == Ended::Completed
         && !matches!(done.rebuild.report.verdict, Verdict::OutOfTolerance | Verdict::Incomplete);
     if common.json {
@@ -88,16 +187,20 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             "checks": all,
             "report": done.rebuild.report,
             "printed": done.printed.lines,
+            "driven": done.driven,
         }))?;
     } else {
         say(&format!(
-            "SIMULATED run of {} on {}: {} in {} of machine time, {} rows recorded",
-            program.name,
+            "{}run of {program} on {}: {} in {} of machine time, {} rows recorded",
+            if done.rebuild.report.simulated { "SIMULATED " } else { "" },
             machine.name,
             done.outcome.ended.text(),
             minutes(done.outcome.time.0),
             done.record.rows
         ));
+        if let Some(driven) = &done.driven {
+            say(&format!("  {}", driven.line()));
+        }
         for gap in &done.gaps {
             say(&format!("warning: the record has a gap: {gap}"));
         }

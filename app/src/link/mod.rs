@@ -4,5 +4,6 @@
 
 pub mod address;
 pub mod certificates;
+pub mod driving;
 pub mod remote;
 pub mod socket;

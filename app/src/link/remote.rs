@@ -22,6 +22,8 @@ use units::Tick;
 const COMMANDS: usize = 1024;
 /// Reports between link and recorder at most, sixteen seconds: beyond it they wait with the controller, which counts what it loses.
 const REPORTS: usize = 16_384;
+/// Reports that wait for a recorder that is even later, two minutes: what comes then is a counted gap.
+const MOST_BEHIND: usize = 120_000;
 /// How long one address is tried.
 const CONNECT: Duration = Duration::from_secs(5);
 /// Between two tries to get back to a controller that was there.
@@ -51,6 +53,10 @@ struct Shared {
     /// Times the connection was cut.
     cuts: u64,
     ended: Option<String>,
+    /// The newest report, whoever else gets it.
+    last: Option<Report>,
+    /// Every report is wanted from here on.
+    recording: bool,
 }
 
 /// A machine behind the link.
@@ -93,6 +99,7 @@ impl Remote {
             heard_of: None,
             command: None,
             report: VecDeque::new(),
+            not_kept: 0,
             over: false,
         };
         let thread = std::thread::spawn(move || speaker.speak());
@@ -155,6 +162,23 @@ impl Remote {
         }
     }
 
+    /// The newest report: before the record begins, the others are of no interest.
+    ///
+    /// # Errors
+    /// The link is over for good, and why.
+    pub fn last_report(&self) -> Result<Option<Report>, Failure> {
+        let shared = self.lock();
+        match &shared.ended {
+            Some(why) => Err(Failure::machine(format_args!("{}: {why}", self.address))),
+            None => Ok(shared.last),
+        }
+    }
+
+    /// From here on every report is kept for [`Remote::report`].
+    pub fn begin_record(&self) {
+        self.lock().recording = true;
+    }
+
     /// How far sender and machine are, and how often the connection was cut.
     pub fn status(&self) -> (SenderStatus, u64) {
         let shared = self.lock();
@@ -199,6 +223,8 @@ struct Speaker {
     command: Option<Command>,
     /// Reports that the recorder had no place for.
     report: VecDeque<Report>,
+    /// Reports for which there was no place here.
+    not_kept: u64,
     /// Nobody wants anything of the machine any more.
     over: bool,
 }
@@ -304,8 +330,15 @@ impl Speaker {
         while let Ok(request) = self.requests.try_recv() {
             self.sender.request(request);
         }
+        let recording = self.lock().recording;
+        let mut last = None;
         while let Some(report) = self.sender.report() {
-            self.report.push_back(report);
+            last = Some(report);
+            if recording && self.report.len() < MOST_BEHIND {
+                self.report.push_back(report);
+            } else if recording {
+                self.not_kept += 1;
+            }
         }
         while let Some(report) = self.report.pop_front() {
             if let Err(TrySendError::Full(back)) = self.reports.try_send(report) {
@@ -319,7 +352,8 @@ impl Speaker {
             quality: welcome.quality,
         });
         let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
-        (shared.status, shared.lost_reports, shared.machine) = (status, lost, machine);
+        (shared.status, shared.lost_reports, shared.machine) = (status, lost + self.not_kept, machine);
+        shared.last = last.or(shared.last);
     }
 }
 

@@ -3,9 +3,11 @@
 //! [`protocol`] is what the add-in says, [`program`] makes a STEP-NC plan of it that grows, [`planner`] plans what is new on a thread of its
 //! own, [`server`] is the socket.
 
+pub mod job;
 pub mod planner;
 pub mod program;
 pub mod protocol;
+pub mod server;
 
 #[cfg(test)]
 mod tests;

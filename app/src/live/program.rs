@@ -131,7 +131,8 @@ impl LivePlan {
         let result = self.read_back().and_then(|all| {
             let last = all.iter().rposition(|step| step.kind == StepKind::End(Level::Workingstep));
             let end = last.ok_or("the operation moves nothing")? + 1;
-            self.give(all, Some(end))
+            let new = self.give(all, Some(end))?;
+            if new.is_empty() { Err("the operation moves nothing".to_owned()) } else { Ok(new) }
         });
         if result.is_err() {
             self.written = before;
