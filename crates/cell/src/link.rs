@@ -28,6 +28,11 @@
 //! `half.tick(now)`, [`machine::link::Follower::after_tick`], and every report with [`machine::link::Follower::status`] to the sending
 //! task, as [`machine::link::Follower::translated`] gives it.
 //!
+//! **Text protocol** ([`TextSender`], [`TextReceiver`]) in the same manner. Its realtime side is the machine's own queue: each
+//! [`TextOrder::Command`] into `half.push`, one that comes back is the next again; each request of [`TextReceiver::urgent`] into
+//! `half.request`; reports into [`TextReceiver::reported`]. There are no reports from the machine but a few lines
+//! ([`machine::link::text::Told`]), so whoever wants a record keeps it at the controller.
+//!
 //! [`scaled`] makes stop tails and the way back onto the path; [`channel`] and [`world`] are the simulated wire and its faults.
 
 pub mod channel;
@@ -36,9 +41,13 @@ pub mod receiver;
 pub mod scaled;
 pub mod sender;
 pub mod stock;
+pub mod text_receiver;
+pub mod text_sender;
 mod wire;
 pub mod world;
 
 pub use error::LinkError;
 pub use receiver::{Connection, LinkReceiver, MachineCard, Notice, ReceiverCounts};
 pub use sender::{LinkSender, SenderStatus};
+pub use text_receiver::{TextNotice, TextOrder, TextReceiver};
+pub use text_sender::{Losses, TextRefusal, TextSender};

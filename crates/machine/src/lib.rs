@@ -12,7 +12,10 @@
 pub mod command;
 pub mod controller;
 pub mod drive;
+mod follow;
 pub mod link;
+pub mod overrides;
+pub mod pad;
 pub mod parameters;
 pub mod plant;
 pub mod realtime;
@@ -24,6 +27,8 @@ pub mod state;
 pub use command::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 pub use controller::{Controller, Counters, QUEUE, Request};
 pub use drive::{AxisOrder, CyclicDrive, DriveMode, DriveOrders, Feedback};
+pub use overrides::Overrides;
+pub use pad::{ControlPad, Mode, NoPad, Notices, PadState};
 pub use parameters::{
     AxisParameters, CuttingParameters, MachineParameters, Mechanics, ParameterError, ServoGains, SpindleParameters,
 };

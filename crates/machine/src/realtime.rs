@@ -2,6 +2,8 @@
 
 use crate::controller::{Controller, Counters, Request};
 use crate::drive::CyclicDrive;
+use crate::overrides::Overrides;
+use crate::pad::Notices;
 use crate::parameters::MachineParameters;
 use crate::ring::Ring;
 use crate::sample::{Quality, Sample};
@@ -25,6 +27,10 @@ pub struct Report {
     pub idle: bool,
     /// What the drives were told.
     pub orders: DriveOrders,
+    /// The overrides in force.
+    pub overrides: Overrides,
+    /// Emergency stop, mode, joystick and home, once when it happens.
+    pub notices: Notices,
 }
 
 /// Controller and drives of one machine.
@@ -60,6 +66,8 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
             counters: self.controller.counters(),
             idle: self.controller.is_idle(),
             orders,
+            overrides: self.controller.overrides(),
+            notices: Notices::default(),
         };
         if self.reports.push(report).is_err() {
             self.lost_reports += 1;

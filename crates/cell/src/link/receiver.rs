@@ -410,10 +410,10 @@ impl LinkReceiver {
                 same_plan: plan_before == hello.plan,
             });
             self.orders.clear();
-            if plan_before != hello.plan {
-                self.forget_reports(u64::MAX);
-                self.lost_reports = 0;
-            }
+            // What was reported to the one before and not taken by it is lost to the record: of its own plan it shall hear so.
+            let untaken = self.reports.len() as u64;
+            self.forget_reports(u64::MAX);
+            self.lost_reports = if plan_before == hello.plan { untaken } else { 0 };
         }
         self.next_report = self.first_report;
         let session = if continues { hello.session } else { self.sessions };

@@ -1,8 +1,8 @@
 //! The plan at another speed: stop tails, and the way back onto the plan from where the machine stands.
 //!
 //! Both run along the planned path, on which only time is slowed: at phase p (in cycles of the plan) and rate r (planned time for each
-//! real time) an axis is at q(p), has the speed r q'(p) and the acceleration r^2 q'' + r' q', which is kept under the axis's limit. Between
-//! two set-points q is Hermite's cubic, as in the controller.
+//! real time) an axis is at q(p), has the speed r q'(p), the acceleration r^2 q'' + r' q' and the jerk r^3 q''' + 3 r r' q'' + r'' q', which
+//! are kept under the axis's limits. Between two set-points q is Hermite's cubic, as in the controller.
 
 use super::stock::Stock;
 use machine::link::message::{Entry, TAIL};
@@ -13,6 +13,11 @@ use units::TICK;
 const SHARE: f64 = 0.7;
 /// The same, where a ramp would become too long.
 const MOST: f64 = 0.97;
+/// Part of an axis's jerk with which a ramp is begun and ended, and that its bends may use.
+const JERK_SHARE: f64 = 0.6;
+const BEND_SHARE: f64 = 0.4;
+/// Cycles of the plan that are looked at for its highest speed.
+const LOOKED_AT: u64 = 300;
 /// Speed of the way back to the path, mm/s: slower than any cut.
 const APPROACH: f64 = 10.0;
 /// Cycles of a way back onto the plan at most: half a minute.
@@ -61,6 +66,7 @@ pub struct Ramp {
 pub struct Scaler<'a> {
     stock: &'a Stock,
     accelerations: [f64; 3],
+    jerks: [f64; 3],
 }
 
 /// The plan at a phase: mm, mm/s, mm/s^2 of planned time.
@@ -85,6 +91,7 @@ impl<'a> Scaler<'a> {
         Scaler {
             stock,
             accelerations: std::array::from_fn(|k| machine.axes[k].a_max.0),
+            jerks: std::array::from_fn(|k| machine.axes[k].j_max.0),
         }
     }
 
@@ -169,13 +176,7 @@ impl<'a> Scaler<'a> {
             said,
             entries: Vec::new(),
         };
-        let Some(start) = self.planned(from.phase, from.rate, 0.0) else {
-            return Ramp {
-                entries: Vec::new(),
-                end: RampEnd::NoPlan,
-            };
-        };
-        let smooth = self.smoothness(&start.set_point, from.rate, share);
+        let smooth = self.smoothness(from.phase);
         let end = loop {
             if course.pose.rate <= 0.0 {
                 break RampEnd::Done;
@@ -207,10 +208,7 @@ impl<'a> Scaler<'a> {
     }
 
     fn rise(&self, course: &mut Course) -> RampEnd {
-        let Some(ahead) = self.planned(libm::floor(course.pose.phase) + 1.0, 1.0, 0.0) else {
-            return RampEnd::NoPlan;
-        };
-        let smooth = self.smoothness(&ahead.set_point, 1.0, SHARE);
+        let smooth = self.smoothness(course.pose.phase);
         while course.pose.rate < 1.0 {
             if course.entries.len() >= LONGEST_LEAD {
                 return RampEnd::TooLong;
@@ -244,15 +242,18 @@ impl<'a> Scaler<'a> {
         let Some(here) = self.planned(course.pose.phase, 1.0, 0.0) else {
             return RampEnd::NoPlan;
         };
-        // Rate 1 - over w(i), w(i) = 2/K sin^2(pi i/K): its sum is 1, and its steepest 2 pi/K^2.
+        // Rate 1 - over w(i), w(i) = 2/K sin^2(pi i/K): its sum is 1, its steepest 2 pi/K^2 and its bend 4 pi^2/K^3.
+        let pi = core::f64::consts::PI;
         let needed = (0..3).map(|k| {
             let v = here.set_point.velocity[k].abs();
-            (2.0 * core::f64::consts::PI * over * v / (0.2 * self.accelerations[k] * TICK.0)).sqrt()
+            let by_acceleration = (2.0 * pi * over * v / (0.2 * self.accelerations[k] * TICK.0)).sqrt();
+            let by_jerk = libm::cbrt(4.0 * pi * pi * over * v / (0.5 * self.jerks[k] * TICK.0 * TICK.0));
+            by_acceleration.max(by_jerk)
         });
         let cycles = needed.fold(4.0, f64::max).ceil();
         let began = course.pose.phase;
         for i in 1..=cycles as u64 {
-            let sine = libm::sin(core::f64::consts::PI * i as f64 / cycles);
+            let sine = libm::sin(pi * i as f64 / cycles);
             let rate = 1.0 - over * 2.0 / cycles * sine * sine;
             if i as f64 == cycles {
                 // Without what rounding has left over.
@@ -340,9 +341,12 @@ impl<'a> Scaler<'a> {
             return;
         }
         let weakest = self.accelerations.iter().copied().fold(f64::INFINITY, f64::min);
-        // Least jerk: 10 u^3 - 15 u^4 + 6 u^5 is fastest at 15/8, and accelerates by 5.77 at most.
-        let cycles = (1.875 * length / (APPROACH * TICK.0)).max((5.78 * length / (0.5 * weakest)).sqrt() / TICK.0);
-        let cycles = cycles.ceil().max(10.0);
+        // Least jerk: 10 u^3 - 15 u^4 + 6 u^5 is fastest at 15/8, and accelerates by 5.77 and jerks by 60 at most.
+        let least_jerk = self.jerks.iter().copied().fold(f64::INFINITY, f64::min);
+        let by_speed = 1.875 * length / APPROACH;
+        let by_acceleration = (5.78 * length / (0.5 * weakest)).sqrt();
+        let by_jerk = libm::cbrt(60.0 * length / least_jerk);
+        let cycles = (by_speed.max(by_acceleration).max(by_jerk) / TICK.0).ceil().max(10.0);
         let duration = cycles * TICK.0;
         for i in 1..=cycles as u64 {
             let u = i as f64 / cycles;
@@ -383,15 +387,23 @@ impl<'a> Scaler<'a> {
                 lowest = lowest.max(one.min(other));
                 highest = highest.min(one.max(other));
             }
+            // A bend changes with the rate: 3 r r' q''.
+            let bend = 3.0 * pose.rate * here.acceleration[k].abs();
+            lowest = lowest.max(-BEND_SHARE * self.jerks[k] / bend);
+            highest = highest.min(BEND_SHARE * self.jerks[k] / bend);
         }
         Some(((-lowest * TICK.0).max(0.0), (highest * TICK.0).max(0.0)))
     }
 
-    /// How much a change of the rate may change in a cycle, such that the ramp builds up over some ten cycles.
-    fn smoothness(&self, at: &SetPoint, rate: f64, share: f64) -> f64 {
-        let unit = (0..3).map(|k| share * self.accelerations[k] * TICK.0 / at.velocity[k].abs().max(1e-9));
-        let unit = unit.fold(f64::INFINITY, f64::min) * rate.max(0.1);
-        (unit / 10.0).clamp(1e-5, 0.05)
+    /// How much the change of the rate in a cycle may change from one cycle to the next: by the axes' jerk at the highest speed near by.
+    fn smoothness(&self, phase: f64) -> f64 {
+        let from = libm::floor(phase) as u64;
+        let near = (from..from + LOOKED_AT).map_while(|cycle| self.stock.set_point(cycle));
+        let fastest = near.fold([1e-9f64; 3], |most, (s, _)| {
+            std::array::from_fn(|k| most[k].max(s.velocity[k].abs()))
+        });
+        let jerk = (0..3).map(|k| JERK_SHARE * self.jerks[k] * TICK.0 * TICK.0 / fastest[k]);
+        jerk.fold(0.1, f64::min).max(1e-6)
     }
 
     /// The plan at a phase, its time slowed to `rate`, which changes by `change` a second.

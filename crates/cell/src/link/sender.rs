@@ -146,6 +146,12 @@ impl LinkSender {
         }
     }
 
+    /// So many commands of the plan were done when it was left: for a sender that is started again and a controller that was, too, and knows
+    /// nothing. A controller that knows more is believed.
+    pub fn known_done(&mut self, count: u64) {
+        self.stock.done(count);
+    }
+
     /// Takes the next command of the plan, as the machine's queue would.
     ///
     /// # Errors

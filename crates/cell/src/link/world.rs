@@ -10,6 +10,8 @@ use crate::source::CommandSource;
 use ledger::Chain;
 use machine::link::{Follower, Order, PlanId};
 use machine::{MachineParameters, Plant, Quality, RealtimeHalf, Report, Request, State};
+use rand_chacha::ChaCha8Rng;
+use rand_core::{Rng, SeedableRng};
 use units::{Machine, Point, Tick, Timestamp};
 
 /// One thing that goes wrong with a link or at its ends.
@@ -66,6 +68,54 @@ pub enum LinkFault {
     },
 }
 
+impl LinkFault {
+    /// One to three faults within the first `horizon` ticks, all decided by the seed.
+    pub fn from_seed(seed: u64, horizon: Tick) -> Vec<LinkFault> {
+        let mut dice = ChaCha8Rng::seed_from_u64(seed ^ 0x006c_696e_6b65_6400);
+        let mut up_to = |n: u64| dice.next_u64() % n.max(1);
+        (0..=up_to(3))
+            .map(|_| {
+                let at = Tick(1 + up_to(horizon.0));
+                match up_to(8) {
+                    0 => LinkFault::Cut {
+                        at,
+                        ticks: 1 + up_to(2_000),
+                        noticed: up_to(2) == 0,
+                    },
+                    1 => LinkFault::Stall { at, ticks: 100 },
+                    2 => LinkFault::Stall {
+                        at,
+                        ticks: 1 + up_to(1_000),
+                    },
+                    3 | 4 => LinkFault::Damaged {
+                        at,
+                        to_machine: up_to(4) > 0,
+                        damage: match up_to(4) {
+                            0 => Damage::Bit,
+                            1 => Damage::Bytes,
+                            2 => Damage::Twice,
+                            _ => Damage::Missing,
+                        },
+                    },
+                    5 => LinkFault::SenderKilled {
+                        at,
+                        ticks: 1 + up_to(2_000),
+                    },
+                    6 => LinkFault::ControllerRestarted {
+                        at,
+                        ticks: 20 + up_to(2_000),
+                        orderly: up_to(2) == 0,
+                    },
+                    _ => LinkFault::LateTicks {
+                        at,
+                        count: 1 + up_to(10),
+                    },
+                }
+            })
+            .collect()
+    }
+}
+
 /// What a linked world is made of.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkedConfig {
@@ -87,6 +137,9 @@ pub struct LinkedConfig {
     pub operator: Operator,
     /// What goes wrong.
     pub faults: Vec<LinkFault>,
+    /// After a run that ended with a fault or a stop the person acknowledges it, and starts the same program again where it was left: so
+    /// many times at most.
+    pub restarts: u32,
 }
 
 impl Default for LinkedConfig {
@@ -105,6 +158,7 @@ impl Default for LinkedConfig {
                 cycle_start_after: Some(50),
             },
             faults: Vec::new(),
+            restarts: 0,
         }
     }
 }
@@ -141,8 +195,13 @@ pub struct LinkedWorld<'a, S> {
     /// Times that drives were left alone in motion.
     pub left_alone: u64,
     last: Option<Report>,
-    /// What senders before the present one were at.
-    pub earlier_resumes: u64,
+    restarts: u32,
+    /// Times that senders before the present one led the machine back onto its plan, and of those, from beside the path.
+    earlier: (u64, u64),
+    /// Commands that are known to be done.
+    known_done: u64,
+    /// The person acknowledges what stopped the machine.
+    resets: bool,
 }
 
 impl<'a, S: CommandSource> LinkedWorld<'a, S> {
@@ -171,7 +230,10 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
             waited: 0,
             left_alone: 0,
             last: None,
-            earlier_resumes: 0,
+            restarts: 0,
+            earlier: (0, 0),
+            known_done: 0,
+            resets: false,
             config,
         };
         world.start_sender();
@@ -235,6 +297,17 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
             ended = office.ended().cloned();
             self.person();
         }
+        if matches!(ended, Some(Ended::Fault(_) | Ended::Stopped(_))) && self.restarts < self.config.restarts {
+            self.restarts += 1;
+            self.end_sender();
+            self.sender_back_at = Some(self.now + LOOKING);
+            self.resets = true;
+            ended = None;
+        }
+        if self.resets && self.controls {
+            self.realtime.request(Request::Reset);
+            self.resets = !self.last.is_some_and(|r| r.state == State::Ready);
+        }
         self.now += 1;
         ended
     }
@@ -242,7 +315,26 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
     fn start_sender(&mut self) {
         let config = &self.config;
         let office = OfficeHalf::new((self.program)(), config.operator, config.start, Chain::default());
-        self.office = Some((office, LinkSender::new("the office", config.plan, &config.machine)));
+        let mut sender = LinkSender::new("the office", config.plan, &config.machine);
+        sender.known_done(self.known_done);
+        self.office = Some((office, sender));
+    }
+
+    fn end_sender(&mut self) {
+        if let Some((_, sender)) = self.office.take() {
+            let status = sender.status();
+            self.earlier.0 += status.resumed;
+            self.earlier.1 += status.approaches;
+            // What the record of the run holds.
+            self.known_done = self.known_done.max(status.done);
+        }
+        self.close();
+    }
+
+    /// Times that the machine was led back onto its plan, and of those, from beside the path.
+    pub fn resumed(&self) -> (u64, u64) {
+        let status = self.sender().map(LinkSender::status).unwrap_or_default();
+        (self.earlier.0 + status.resumed, self.earlier.1 + status.approaches)
     }
 
     /// One servo cycle, as the realtime thread makes it.
@@ -264,9 +356,15 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
             self.receiver
                 .reported(self.follower.translated(report), self.follower.status());
         }
-        if self.ending && self.last.is_some_and(|r| r.idle || r.state.needs_a_person()) {
+        if self.ending && self.last.is_some_and(|r| r.state == State::Off) {
             self.ending = false;
             self.end_controller();
+        } else if self.ending
+            && self
+                .last
+                .is_some_and(|r| r.state == State::Ready || matches!(r.state, State::Stopped(_)))
+        {
+            self.realtime.request(Request::PowerOff);
         }
     }
 
@@ -298,10 +396,7 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
                     .damage(damage);
                 }
                 LinkFault::SenderKilled { at, ticks } if at == now && self.office.is_some() => {
-                    if let Some((_, sender)) = self.office.take() {
-                        self.earlier_resumes += sender.status().resumed;
-                    }
-                    self.close();
+                    self.end_sender();
                     self.sender_back_at = Some(now + ticks);
                 }
                 LinkFault::ControllerRestarted { at, ticks, orderly } if at == now && self.controls => {

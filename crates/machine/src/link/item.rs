@@ -3,6 +3,8 @@
 use super::wire::{wire_enum, wire_struct};
 use crate::controller::{Counters, Request};
 use crate::drive::{AxisOrder, DriveMode, DriveOrders};
+use crate::overrides::Overrides;
+use crate::pad::{Mode, Notices};
 use crate::realtime::Report;
 use crate::sample::{Phase, Quality, Sample};
 use crate::state::{FaultCause, State, StopCause, Wait};
@@ -42,7 +44,9 @@ wire_enum!(Request {
     4 = Hold,
     5 = Stop,
     6 = Reset,
+    7 = Override(overrides),
 });
+wire_struct!(Overrides { feed, rapid, spindle });
 
 wire_struct!(Report {
     sample,
@@ -50,6 +54,18 @@ wire_struct!(Report {
     counters,
     idle,
     orders,
+    overrides,
+    notices,
+});
+wire_struct!(Notices {
+    emergency_stop,
+    mode,
+    joystick_stopped,
+    home_reached,
+});
+wire_enum!(Mode {
+    0 = Auto,
+    1 = Jog { axis },
 });
 wire_struct!(Sample {
     tick,

@@ -93,12 +93,12 @@ impl Wire for PlanId {
 pub struct LimitsHash(pub u64);
 
 impl LimitsHash {
-    /// Travels, speeds, accelerations and pulses of the axes, and the spindle's highest speed.
+    /// Travels, speeds, accelerations, jerks and pulses of the axes, and the spindle's highest speed.
     pub fn of(machine: &MachineParameters) -> Self {
         let axes = machine
             .axes
             .iter()
-            .flat_map(|a| [a.lowest.0, a.highest.0, a.v_max.0, a.a_max.0, a.pulses_per_mm]);
+            .flat_map(|a| [a.lowest.0, a.highest.0, a.v_max.0, a.a_max.0, a.j_max.0, a.pulses_per_mm]);
         let hash = axes
             .chain([machine.spindle.highest.0])
             .flat_map(|n| n.to_bits().to_le_bytes());

@@ -132,7 +132,7 @@ impl Line {
         let mut to = Text::new();
         let written = match self {
             Line::Automatic => write!(to, "A@"),
-            Line::Jog(axis) => write!(to, "J{}@", axis.letter()),
+            Line::Jog(axis) => write!(to, "J{axis}@"),
             Line::MachiningBegins => write!(to, "M1@"),
             Line::MachiningEnds => write!(to, "M0@"),
             Line::OperationBegins { coolant } => write!(to, "P{}@", u8::from(*coolant)),
@@ -160,7 +160,7 @@ impl Told {
         let written = match self {
             Told::EmergencyStop(on) => writeln!(to, "E{}", u8::from(*on)),
             Told::Automatic => writeln!(to, "A"),
-            Told::Jog(axis) => writeln!(to, "J{}", axis.letter()),
+            Told::Jog(axis) => writeln!(to, "J{axis}"),
             Told::Position([x, y, z]) => writeln!(to, "{x} {y} {z}"),
             Told::Home => writeln!(to, "H"),
         };
