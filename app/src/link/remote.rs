@@ -57,6 +57,8 @@ struct Shared {
     last: Option<Report>,
     /// Every report is wanted from here on.
     recording: bool,
+    /// Nobody wants anything of the machine any more.
+    over: bool,
 }
 
 /// A machine behind the link.
@@ -200,6 +202,7 @@ impl Drop for Remote {
     /// Gives the machine back.
     fn drop(&mut self) {
         self.commands = None;
+        self.lock().over = true;
         if let Some(thread) = self.thread.take() {
             // What it had to say it has said in `ended`.
             let _ = thread.join();
@@ -247,7 +250,7 @@ impl Speaker {
                 Err(text) if self.heard_of.is_none_or(|at| at.elapsed() > GIVEN_UP) => break Some(text),
                 Err(_) => {}
             }
-            if self.over {
+            if self.over || self.lock().over {
                 break None;
             }
             std::thread::sleep(AGAIN);
@@ -312,12 +315,7 @@ impl Speaker {
             if self.command.is_none() {
                 match self.commands.try_recv() {
                     Ok(command) => self.command = Some(command),
-                    Err(TryRecvError::Empty) => break,
-                    Err(TryRecvError::Disconnected) => {
-                        self.over = true;
-                        self.sender.finish();
-                        break;
-                    }
+                    Err(TryRecvError::Empty | TryRecvError::Disconnected) => break,
                 }
             }
             if let Some(command) = self.command.take()
@@ -329,6 +327,10 @@ impl Speaker {
         }
         while let Ok(request) = self.requests.try_recv() {
             self.sender.request(request);
+        }
+        if !self.over && self.lock().over {
+            self.over = true;
+            self.sender.finish();
         }
         let recording = self.lock().recording;
         let mut last = None;
