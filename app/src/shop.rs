@@ -55,7 +55,7 @@ pub fn parameters(machine: &MachineFile) -> MachineParameters {
     for (axis, model) in Axis::ALL.into_iter().zip(&mut parameters.axes) {
         if let Some(file) = machine.axis(axis) {
             (model.lowest, model.highest) = (file.travel_min, file.travel_max);
-            (model.v_max, model.a_max) = (file.v_max, file.a_max);
+            (model.v_max, model.a_max, model.j_max) = (file.v_max, file.a_max, file.j_max);
             model.pulses_per_mm = file.pulses_per_mm;
         }
     }

@@ -30,10 +30,11 @@ pub use drive::{AxisOrder, CyclicDrive, DriveMode, DriveOrders, Feedback};
 pub use overrides::Overrides;
 pub use pad::{ControlPad, Mode, NoPad, Notices, PadState};
 pub use parameters::{
-    AxisParameters, CuttingParameters, MachineParameters, Mechanics, ParameterError, ServoGains, SpindleParameters,
+    AxisParameters, CuttingParameters, HomingParameters, MachineParameters, Mechanics, ParameterError, ServoGains,
+    SpindleParameters,
 };
 pub use plant::Plant;
 pub use realtime::{RealtimeHalf, Report};
 pub use ring::Ring;
 pub use sample::{CHANNELS, Channel, Phase, Quality, Sample};
-pub use state::{Event, FaultCause, State, StopCause, Wait};
+pub use state::{Event, FaultCause, HomingStage, State, StopCause, Wait};

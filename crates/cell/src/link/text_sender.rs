@@ -343,6 +343,8 @@ impl TextSender {
             Command::Dwell { cycles, .. } => self.dwell = cycles,
             Command::Workingstep { workingstep, .. } => self.split |= workingstep.0 != 0,
             Command::Pause { .. } => self.paused = true,
+            // The protocol carries it with the tool.
+            Command::ToolLength { .. } => {}
             Command::End { .. } => {
                 self.close(out);
                 put(Line::MachiningEnds, out);
