@@ -136,6 +136,28 @@ pub struct ControllerArgs {
     /// Address to listen on. Any but this computer's own needs certificates.
     #[arg(long, value_name = "IP", default_value = "127.0.0.1")]
     pub listen: std::net::IpAddr,
+    /// What is spoken: the default link, or the published text protocol.
+    #[arg(long, value_enum, default_value_t = LinkName::Default)]
+    pub link: LinkName,
+    /// Text protocol: port of the driving side that the controller's reports go to [default: the machine file's, else 7451].
+    #[arg(long, value_name = "N")]
+    pub report_port: Option<u16>,
+    /// Text protocol: keep a record of each time from M1 to M0 here; toolmark rebuild holds it against its plan.
+    #[arg(long, value_name = "DIR")]
+    pub record: Option<PathBuf>,
+    /// A gamepad as control pad: its device, /dev/input/event...
+    #[arg(long, value_name = "DEVICE")]
+    pub pad: Option<PathBuf>,
+}
+
+/// What is spoken between a planner and a machine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum LinkName {
+    /// Checked, resumable, with every sample coming back.
+    #[default]
+    Default,
+    /// The published protocol of lines.
+    Text,
 }
 
 const LIVE_HELP: &str = "\
@@ -417,6 +439,12 @@ pub struct RunArgs {
     /// The file of a machine behind tcp:// [default: machine.toml of the data directory, else the simulated machine].
     #[arg(long, value_name = "F.toml")]
     pub machine_file: Option<PathBuf>,
+    /// With tcp://: what is spoken, the default link or the published text protocol.
+    #[arg(long, value_enum, default_value_t = LinkName::Default)]
+    pub link: LinkName,
+    /// Text protocol: port on which the controller's reports are listened for [default: the machine file's, else 7451].
+    #[arg(long, value_name = "N")]
+    pub report_port: Option<u16>,
     /// Wrong set-up, for practice: the n-th workingstep runs with its work offset shifted by X,Y,Z mm; simulated machines only.
     #[arg(long, value_name = "N:X,Y,Z")]
     pub plant_shift: Option<String>,

@@ -1,14 +1,18 @@
 //! `toolmark controller`: the machine side of the set-point link.
 
 use super::{Done, print_json};
-use crate::cli::{Common, ControllerArgs};
+use crate::cli::{Common, ControllerArgs, LinkName};
+use crate::controller::gamepad::{Gamepad, Pad};
+use crate::controller::recording::Recording;
+use crate::controller::text_serving;
 use crate::controller::realtime::{AtOnce, Lateness, Privileges, Servo, every_cycle};
 use crate::controller::serving::{Served, serve};
 use crate::failure::{Exit, Failure};
 use crate::link::certificates;
 use crate::program::machine_for;
 use crate::{say, shop};
-use cell::link::{LinkReceiver, MachineCard};
+use crate::link::text_run::REPORT_PORT;
+use cell::link::{LinkReceiver, MachineCard, TextReceiver};
 use machine::link::Follower;
 use machine::{Plant, Quality, RealtimeHalf, Request};
 use serde_json::json;
@@ -37,9 +41,24 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
     let server = certificates::for_listening(ip, &machine.link)?;
     let listener = listen(args, &machine, ip)?;
 
+    let pad = match &args.pad {
+        None => Pad::None,
+        Some(path) => Pad::Gamepad(Box::new(Gamepad::open(path).map_err(|e| {
+            Failure::machine(format_args!("--pad {}: {e}; ls -l /dev/input/by-id shows what is plugged in", path.display()))
+        })?)),
+    };
+    let text = args.link == LinkName::Text;
+    if text && !ip.is_loopback() {
+        return Err(Failure::usage(format_args!(
+            "{ip}: the text protocol has neither encryption nor checksums; it is for programs on this computer, 127.0.0.1"
+        )));
+    }
     let plant = Plant::new(&parameters, Point::ORIGIN, common.seed);
     let quality = Quality::Simulated;
-    let (mut servo, mut ends) = Servo::new(RealtimeHalf::new(&parameters, plant, quality), Some(Follower::new()));
+    let (mut servo, mut ends) = Servo::new(
+        RealtimeHalf::with_pad(&parameters, plant, pad, quality),
+        (!text).then(Follower::new),
+    );
     let _ = ends.at_once.push(AtOnce::Request(Request::PowerOn));
     let (lateness, ended) = (Arc::new(Lateness::default()), Arc::new(AtomicBool::new(false)));
     let (to_privileges, privileges) = mpsc::channel();
@@ -47,15 +66,36 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
         let (lateness, ended) = (Arc::clone(&lateness), Arc::clone(&ended));
         move || {
             let taken = Privileges::take();
-            let _ = to_privileges.send((taken.to_string(), taken.lacks()));
+            let _ = to_privileges.send((taken.to_string(), taken.lacks(), taken.complete()));
             every_cycle(&lateness, &ended, |tick| servo.cycle(tick));
         }
     });
-    let (has, lacks) = privileges.recv().expect("the realtime thread says what it has before anything else");
-    tell_start(&listener, &machine, (&has, &lacks), common)?;
+    let (has, lacks, complete) = privileges.recv().expect("the realtime thread says what it has before anything else");
+    tell_start(&listener, &machine, (&has, &lacks, complete), common)?;
 
-    let receiver = LinkReceiver::new(MachineCard::new(&machine.name, quality, &parameters));
-    let served = serve(&listener, server.as_ref(), receiver, ends, &stop, &mut |notice| eprintln!("{notice}"));
+    let served = if text {
+        let mut recording = match &args.record {
+            None => None,
+            Some(folder) => Some(Recording::into(folder, &machine.name, quality == Quality::Simulated)?),
+        };
+        let place = text_serving::Place {
+            listener: &listener,
+            report_port: args.report_port.or(machine.link.report_port).unwrap_or(REPORT_PORT),
+            attended: quality == Quality::Simulated,
+        };
+        let receiver = TextReceiver::new(&parameters);
+        let served = text_serving::serve(&place, receiver, ends, &mut recording, &stop, &mut |line| eprintln!("{line}"));
+        if let Some(line) = recording.as_mut().and_then(Recording::end) {
+            eprintln!("{line}");
+        }
+        served
+    } else {
+        if args.record.is_some() {
+            eprintln!("notice: --record is for the text protocol; over the default link the driving side has every sample");
+        }
+        let receiver = LinkReceiver::new(MachineCard::new(&machine.name, quality, &parameters));
+        serve(&listener, server.as_ref(), receiver, ends, &stop, &mut |notice| eprintln!("{notice}"))
+    };
     ended.store(true, Relaxed);
     realtime.join().expect("the realtime thread does not panic");
     tell_end(&served, &lateness, common)?;
@@ -73,7 +113,7 @@ fn listen(args: &ControllerArgs, machine: &MachineFile, ip: IpAddr) -> Result<Tc
     Ok(listener)
 }
 
-fn tell_start(listener: &TcpListener, machine: &MachineFile, (has, lacks): (&str, &[String]), common: &Common) -> Result<(), Failure> {
+fn tell_start(listener: &TcpListener, machine: &MachineFile, (has, lacks, complete): (&str, &[String], bool), common: &Common) -> Result<(), Failure> {
     let address = listener.local_addr().map_err(|e| Failure::machine(format_args!("the address is not known: {e}")))?;
     if common.json {
         let told = json!({
@@ -81,6 +121,7 @@ fn tell_start(listener: &TcpListener, machine: &MachineFile, (has, lacks): (&str
             "machine": machine.name,
             "simulated": true,
             "realtime": has,
+            "punctual": complete,
             "lacks": lacks,
         });
         say(&told.to_string());

@@ -73,7 +73,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
     let over = AtomicBool::new(false);
     let done = std::thread::scope(|scope| {
         let (session, job, over) = (&session, &job, &over);
-        scope.spawn(move || attend(session, job, &|heading| drop(to_heading.send(heading))));
+        scope.spawn(move || attend(session, job, &|heading| to_heading.send(heading).unwrap_or_default()));
         let ended = (|| {
             if !begins(&headings, &stop) {
                 return Err(Failure::negative("error: the job ended before the machine could begin"));

@@ -2,11 +2,12 @@
 
 use super::check::{print, travels, worst};
 use super::{Done, print_json, tolerance};
-use crate::cli::{Common, RunArgs};
+use crate::cli::{Common, LinkName, RunArgs};
 use crate::execution::{Drives, Order, Run, Work, run as execute};
 use crate::failure::{Exit, Failure};
 use crate::link::remote::{Machine, Remote};
-use crate::link::{address, certificates, driving};
+use crate::link::text_run::REPORT_PORT;
+use crate::link::{address, certificates, driving, text_run};
 use crate::program::{Program, machine_for, named_machine};
 use crate::survey::{Check, State, checks, minutes, survey};
 use crate::{clock, report, say, shop};
@@ -14,6 +15,7 @@ use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
 use ledger::Hash;
 use machine::link::PlanId;
+use motion::Trajectory;
 use plan::Tables;
 use serde_json::json;
 use std::path::Path;
@@ -36,6 +38,9 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let named = if behind { None } else { named_machine(&common.machine)? };
     let mut program = Program::open(&args.program, common.dialect.as_deref(), named.as_ref())?;
     let who = shop::operator(common);
+    if args.link == LinkName::Text {
+        return run_over_text(args, &mut program, common);
+    }
     let driver = Driver::connect(
         common,
         args.machine_file.as_deref(),
@@ -99,6 +104,66 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     tell_outcome(&done, &program.name, &machine, &all, common)
 }
 
+/// A run over the published text protocol: the plan goes out, and the record is the controller's.
+fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done {
+    if !address::is_address(&common.machine) {
+        return Err(Failure::usage("--link text is for a machine behind tcp://; start toolmark controller --link text"));
+    }
+    if args.as_mtconnect.is_some() || args.plant_shift.is_some() || args.out.is_some() || args.tolerance.is_some() {
+        return Err(Failure::usage(
+            "--out, --tolerance, --as-mtconnect and --plant-shift need a record, which the text protocol does not bring: toolmark controller --link text --record DIR keeps it",
+        ));
+    }
+    let machine = machine_file_behind(common, args.machine_file.as_deref(), program.turns())?;
+    let shop::InForce { tables, variables, .. } = shop::in_force(common, &machine)?;
+    program.variables = variables;
+    let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
+    let all = checks(&found, travels(&machine), &tables);
+    if !common.json {
+        all.iter().filter(|c| c.state != State::Ok).for_each(print);
+    }
+    if worst(&all) == State::Fail {
+        return Err(Failure::negative("the check failed, nothing was moved"));
+    }
+    let stop = super::stopped_by_signals()?;
+    let lengths = tables.tools.iter().map(|(n, tool)| (n.0, tool.geometry.0.xyz[2] + tool.wear.0.xyz[2])).collect();
+    let mut source = Trajectory::new(program.stream(&tables)?, tables.position, shop::limits(&machine));
+    let port = args.report_port.or(machine.link.report_port).unwrap_or(REPORT_PORT);
+    let address = address::read(&common.machine)?;
+    let done = text_run::run(&address, port, &shop::parameters(&machine), lengths, &mut source, &stop)?;
+    let losses = done.losses.lines();
+    if common.json {
+        print_json(&json!({
+            "link": "text",
+            "ended": if done.ended.is_some() { "stopped" } else { "sent" },
+            "text": done.ended.as_deref().unwrap_or("every line went out"),
+            "lines": done.lines,
+            "commands": done.commands,
+            "told": done.told,
+            "losses": losses,
+            "checks": all,
+        }))?;
+    } else {
+        say(&format!(
+            "{} over the text protocol to {address}: {}, {} movement lines",
+            program.name,
+            done.ended.as_deref().unwrap_or("every line went out"),
+            done.lines
+        ));
+        losses.iter().chain(&done.told).for_each(|line| say(&format!("  {line}")));
+    }
+    Ok(if done.ended.is_none() { Exit::Good } else { Exit::Negative })
+}
+
+/// The file of a machine behind an address.
+fn machine_file_behind(common: &Common, file: Option<&Path>, turns: bool) -> Result<MachineFile, Failure> {
+    if let Some(path) = file {
+        return MachineFile::open(path).map_err(shop::failure);
+    }
+    let own = shop::data_path(common)?.join("machine.toml");
+    if own.is_file() { MachineFile::open(&own).map_err(shop::failure) } else { machine_for("sim", turns) }
+}
+
 /// The machine of a run: its file, and the link to it where it is somewhere else.
 pub struct Driver {
     /// Its file.
@@ -128,13 +193,7 @@ impl Driver {
             return Ok(Driver { machine, behind: None });
         }
         let address = address::read(&common.machine)?;
-        let machine = match file {
-            Some(path) => MachineFile::open(path).map_err(shop::failure)?,
-            None => {
-                let own = shop::data_path(common)?.join("machine.toml");
-                if own.is_file() { MachineFile::open(&own).map_err(shop::failure)? } else { machine_for("sim", turns)? }
-            }
-        };
+        let machine = machine_file_behind(common, file, turns)?;
         let loopback = address.resolve()?.iter().all(|a| a.ip().is_loopback());
         let client = certificates::for_connecting(&address.host, loopback, &machine.link)?;
         // Each run is a plan of its own: it begins where the machine stands now.

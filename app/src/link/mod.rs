@@ -7,3 +7,4 @@ pub mod certificates;
 pub mod driving;
 pub mod remote;
 pub mod socket;
+pub mod text_run;

@@ -9,11 +9,11 @@
 pub mod lateness;
 pub mod privileges;
 
-pub use lateness::{Lateness, Summary};
+pub use lateness::Lateness;
 pub use privileges::Privileges;
 
 use machine::link::{Follower, Order, Status, UrgentOrder};
-use machine::{Command, CyclicDrive, RealtimeHalf, Report, Request};
+use machine::{Command, ControlPad, CyclicDrive, NoPad, RealtimeHalf, Report, Request};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -73,9 +73,9 @@ pub struct Told {
 }
 
 /// The realtime half with its ends of the rings.
-pub struct Servo<D> {
+pub struct Servo<D, P = NoPad> {
     // On the heap: their queues are large for a stack.
-    half: Box<RealtimeHalf<D>>,
+    half: Box<RealtimeHalf<D, P>>,
     /// The realtime end of the default link, where that is spoken.
     follower: Option<Box<Follower>>,
     queued: Consumer<Queued>,
@@ -98,9 +98,9 @@ pub struct Ends {
     pub lost_reports: Arc<AtomicU64>,
 }
 
-impl<D: CyclicDrive> Servo<D> {
+impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
     /// Joins a machine to rings; `follower` where the default link drives it.
-    pub fn new(half: RealtimeHalf<D>, follower: Option<Follower>) -> (Servo<D>, Ends) {
+    pub fn new(half: RealtimeHalf<D, P>, follower: Option<Follower>) -> (Servo<D, P>, Ends) {
         let (to_queued, queued) = RingBuffer::new(COMMANDS);
         let (to_at_once, at_once) = RingBuffer::new(REQUESTS);
         let (told, from_told) = RingBuffer::new(REPORTS);
@@ -164,11 +164,6 @@ impl<D: CyclicDrive> Servo<D> {
             let _ = self.told.push(told);
         }
         self.lost_reports.store(self.half.lost_reports(), Relaxed);
-    }
-
-    /// The drives, when all is over.
-    pub fn drive(&self) -> &D {
-        self.half.drive()
     }
 }
 
