@@ -44,6 +44,8 @@ pub struct MachineFile {
     pub retention: Retention,
     /// How its controller is reached.
     pub link: LinkFile,
+    /// Servo cycles that may be lost in a row before its controller makes a controlled stop.
+    pub late_ticks_allowed: u32,
 }
 
 /// Ports and certificates of the set-point link. The certificates of a controller and of a computer that drives one are named alike.
@@ -257,7 +259,13 @@ struct Text {
     store: StoreText,
     #[serde(default)]
     link: LinkText,
+    late_ticks_allowed: Option<Spanned<u32>>,
 }
+
+/// What a machine without a word of it allows.
+const LATE_TICKS: u32 = 5;
+/// A tenth of a second without control is no control.
+const MOST_LATE_TICKS: u32 = 100;
 
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -380,6 +388,9 @@ impl Text {
                 format!("the name {name:?} must have letters, and no `/`: it is part of register paths"),
             ));
         }
+        if let Some(late) = self.late_ticks_allowed.as_ref().filter(|late| *late.get_ref() > MOST_LATE_TICKS) {
+            return Err((late.span().start, format!("late_ticks_allowed is 0 to {MOST_LATE_TICKS}")));
+        }
         let kind = *self.kind.get_ref();
         if kind == MachineKind::Mill && self.axes.y.is_none() {
             return Err((self.kind.span().start, "a mill needs [axes.y]".to_owned()));
@@ -464,6 +475,7 @@ impl Text {
                 key: self.link.key,
                 authority: self.link.authority,
             },
+            late_ticks_allowed: self.late_ticks_allowed.map_or(LATE_TICKS, Spanned::into_inner),
         })
     }
 }
@@ -572,6 +584,8 @@ mod tests {
         );
         check_refused(("number = 2", "number = 1"), "55:10: tool 1 is there already");
         check_refused(("name = \"sim-mill\"", "name = \"a/b\""), "2:8: the name \"a/b\"");
+        check_refused(("kind = \"mill\"", "kind = \"mill\"\nlate_ticks_allowed = 101"), "4:22: late_ticks_allowed is 0 to 100");
+        check_refused(("[store]", "[link]\nport = 0\n[store]"), "98:8: ");
         check_refused(
             ("driver = \"sim\"", "driver = \"magic\""),
             "4:10: unknown variant `magic`, expected `sim`",

@@ -102,6 +102,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
             execute(&order, &mut directory, None)
         })();
         over.store(true, Relaxed);
+        job.close();
         let told = match &ended {
             Ok(run) => protocol::Done {
                 ended: run.outcome.ended.word().to_owned(),

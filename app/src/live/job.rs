@@ -97,6 +97,17 @@ impl LiveJob {
         Ok(())
     }
 
+    /// The run is over: what is said now is not for it.
+    pub fn close(&self) {
+        self.lock().ended = true;
+        self.steps.end();
+    }
+
+    /// True when no more comes, or nothing is wanted any more.
+    pub fn is_over(&self) -> bool {
+        self.lock().ended
+    }
+
     /// Asks the machine for something.
     pub fn ask(&self, request: Request) {
         self.lock().requests.push_back(request);

@@ -147,7 +147,7 @@ pub fn attend(session: &Session, job: &LiveJob, heading: &dyn Fn(Heading)) {
         match session.next() {
             Line::Wrong => {}
             Line::Over => {
-                if !ended {
+                if !ended && !job.is_over() {
                     eprintln!("notice: the add-in has gone without saying that its job is complete: controlled stop");
                     job.ask(Request::Stop);
                 }
