@@ -76,7 +76,9 @@ fn seconds() -> Result<u64, Box<dyn Error>> {
         None => Ok(10),
         Some(at) => {
             let given = words.get(at + 1).ok_or("--seconds needs a number")?;
-            Ok(given.parse().map_err(|_| format!("--seconds {given}: a number was expected"))?)
+            Ok(given
+                .parse()
+                .map_err(|_| format!("--seconds {given}: a number was expected"))?)
         }
     }
 }
@@ -99,7 +101,9 @@ fn our_loop(seconds: u64) -> Result<bool, Box<dyn Error>> {
             });
             (ALLOCATIONS.get() - before, privileges, cost.summary())
         });
-        ends.at_once.push(AtOnce::Request(Request::PowerOn)).expect("the ring is empty");
+        ends.at_once
+            .push(AtOnce::Request(Request::PowerOn))
+            .expect("the ring is empty");
         let until = Instant::now() + Duration::from_secs(seconds);
         let (mut parts, mut position, mut counted) = (0, Point::ORIGIN, None);
         'parts: loop {
@@ -150,7 +154,10 @@ fn our_loop(seconds: u64) -> Result<bool, Box<dyn Error>> {
     let summary = lateness.summary();
     println!("toolmark: {privileges}; {summary}");
     summary.bars().iter().for_each(|line| println!("{line}"));
-    println!("one cycle takes p50 {:.1} us, p99.9 {:.1} us, at most {:.1} us", cost.p50_us, cost.p999_us, cost.max_us);
+    println!(
+        "one cycle takes p50 {:.1} us, p99.9 {:.1} us, at most {:.1} us",
+        cost.p50_us, cost.p999_us, cost.max_us
+    );
     if let Some(counted) = counted {
         println!(
             "{parts} parts whole; {} commands done, {} late ticks, {} starvations",
@@ -161,7 +168,10 @@ fn our_loop(seconds: u64) -> Result<bool, Box<dyn Error>> {
     println!("{allocations} allocations or releases on the thread");
     let punctual = !privileges.complete() || summary.p99_us <= BUDGET_US;
     if privileges.complete() {
-        println!("budget: p99 <= {BUDGET_US} us with SCHED_FIFO, {}", if punctual { "kept" } else { "MISSED" });
+        println!(
+            "budget: p99 <= {BUDGET_US} us with SCHED_FIFO, {}",
+            if punctual { "kept" } else { "MISSED" }
+        );
     } else {
         println!("budget: not judged without SCHED_FIFO, locked memory and a processor");
     }
@@ -237,7 +247,10 @@ impl Load {
         threads.push(std::thread::spawn(move || {
             let block = vec![7u8; 1 << 20];
             while !stopped.load(Relaxed) {
-                let written = file.write_all(&block).and_then(|()| file.sync_data()).and_then(|()| file.set_len(0));
+                let written = file
+                    .write_all(&block)
+                    .and_then(|()| file.sync_data())
+                    .and_then(|()| file.set_len(0));
                 if let Err(error) = written {
                     return println!("the disk is not loaded: {error}");
                 }

@@ -141,8 +141,8 @@ pub fn run(order: &Order<'_>, directory: &mut DataDirectory, part: Option<&mut P
         who: order.who,
     };
     if let Work::Program(program) = order.work {
-        let mut bytes =
-            std::fs::File::open(&program.path).map_err(|e| Failure::unreadable(format_args!("{}: {e}", program.path.display())))?;
+        let mut bytes = std::fs::File::open(&program.path)
+            .map_err(|e| Failure::unreadable(format_args!("{}: {e}", program.path.display())))?;
         directory
             .keep_program(&program.name, &mut bytes, program.hash, order.start)
             .map_err(shop::failure)?;
@@ -235,7 +235,14 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
     };
     let rebuild = rebuild(order, (program, &tables), &record_read, &outcome)?;
     let printed = Printed::of(&events);
-    write_down(order, program, &folder, (&outcome, driven.as_ref()), (&record, &gaps), (&rebuild, &printed))?;
+    write_down(
+        order,
+        program,
+        &folder,
+        (&outcome, driven.as_ref()),
+        (&record, &gaps),
+        (&rebuild, &printed),
+    )?;
     let mut written = ["as-executed.stpnc", "report.json", "report.html"]
         .map(|name| folder.join(name))
         .to_vec();
@@ -324,8 +331,7 @@ fn execute_here(
         operator: operator(order.drives),
         chain: Chain::default(),
     };
-    let mut world =
-        World::new(config, source).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
+    let mut world = World::new(config, source).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
     let mut progress = Progress::new("running");
     let mut kept = 0;
     let mut stop_asked = false;
@@ -497,7 +503,10 @@ fn write_down(
     (rebuild, printed): (&Rebuild, &Printed),
 ) -> Result<(), Failure> {
     let options = TwinOptions {
-        machine: Some((order.machine.name.clone(), if order.drives.is_simulated() { "simulated" } else { "" }.to_owned())),
+        machine: Some((
+            order.machine.name.clone(),
+            if order.drives.is_simulated() { "simulated" } else { "" }.to_owned(),
+        )),
         operator: Some(order.who.to_owned()),
         ..TwinOptions::at(order.start.at(outcome.ticks))
     };

@@ -105,21 +105,46 @@ fn two_processes_machine_parts_over_the_default_link() {
     let mut completed = 0;
     for attempt in 0..6 {
         let out = folder.path().join(format!("out-{attempt}"));
-        let args = ["run", &plate.display().to_string(), "--machine", &controller.address, "--machine-file", &machine, "--json"];
+        let args = [
+            "run",
+            &plate.display().to_string(),
+            "--machine",
+            &controller.address,
+            "--machine-file",
+            &machine,
+            "--json",
+        ];
         let done = toolmark(&args, &data).arg("--out").arg(&out).output().expect("it runs");
         let answer: Value = serde_json::from_slice(&done.stdout).unwrap_or_else(|e| panic!("{e}: {}", words(&done)));
         println!("{attempt}: {} {}", answer["ended"], answer["driven"]);
         if was_late(&answer) {
             continue;
         }
-        assert_eq!((done.status.code(), &answer["ended"]), (Some(0), &Value::from("completed")), "{}", words(&done));
+        assert_eq!(
+            (done.status.code(), &answer["ended"]),
+            (Some(0), &Value::from("completed")),
+            "{}",
+            words(&done)
+        );
         let told = report(&out);
-        assert_eq!((&told["verdict"], &told["simulated"]), (&Value::from("good"), &Value::from(true)), "{told}");
+        assert_eq!(
+            (&told["verdict"], &told["simulated"]),
+            (&Value::from("good"), &Value::from(true)),
+            "{told}"
+        );
         let driven = &told["driven"];
         assert_eq!(driven["controller"], controller.address);
-        assert!(driven["following_error_max_mm"].as_array().is_some_and(|axes| axes.iter().all(|mm| mm.as_f64() < Some(0.5))), "{driven}");
+        assert!(
+            driven["following_error_max_mm"]
+                .as_array()
+                .is_some_and(|axes| axes.iter().all(|mm| mm.as_f64() < Some(0.5))),
+            "{driven}"
+        );
         assert!(driven["following_error_rms_mm"][0].as_f64() > Some(0.0), "{driven}");
-        assert!(driven["buffer_mean_ms"].as_f64() > Some(50.0) && driven["late_ticks"].is_u64(), "{driven}");
+        assert!(
+            driven["buffer_mean_ms"].as_f64() > Some(50.0) && driven["late_ticks"].is_u64(),
+            "{driven}"
+        );
         let page = std::fs::read_to_string(out.join("report.html")).expect("a page");
         assert!(page.contains("following error X, Y, Z") && page.contains("SIMULATED"));
         assert!(out.join("as-executed.stpnc").is_file() && out.join("record.parquet").is_file());
@@ -131,9 +156,19 @@ fn two_processes_machine_parts_over_the_default_link() {
     }
     assert_eq!(completed, 2, "of six runs");
     let end = controller.end();
-    assert_eq!((&end["at_rest"], &end["refused"]), (&Value::from(true), &Value::from(0)), "{end}");
-    assert!(end["senders"].as_u64() >= Some(2) && end["lateness"]["cycles"].as_u64() > Some(1000), "{end}");
-    assert!(end["lateness"]["histogram"].as_array().is_some_and(|bars| !bars.is_empty()), "{end}");
+    assert_eq!(
+        (&end["at_rest"], &end["refused"]),
+        (&Value::from(true), &Value::from(0)),
+        "{end}"
+    );
+    assert!(
+        end["senders"].as_u64() >= Some(2) && end["lateness"]["cycles"].as_u64() > Some(1000),
+        "{end}"
+    );
+    assert!(
+        end["lateness"]["histogram"].as_array().is_some_and(|bars| !bars.is_empty()),
+        "{end}"
+    );
 }
 
 #[test]
@@ -143,7 +178,11 @@ fn the_text_protocol_machines_the_same_part_and_the_controller_keeps_the_record(
     let plate = folder.path().join("plate.nc");
     std::fs::write(&plate, PLATE).expect("written");
     // A port that was free a moment ago.
-    let reports = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port").port().to_string();
+    let reports = TcpListener::bind("127.0.0.1:0")
+        .and_then(|l| l.local_addr())
+        .expect("a port")
+        .port()
+        .to_string();
     let records = folder.path().join("records");
     let data = folder.path().join("data");
     let mut verdict = String::new();
@@ -153,11 +192,24 @@ fn the_text_protocol_machines_the_same_part_and_the_controller_keeps_the_record(
         let more = ["--link", "text", "--report-port", &reports, "--record", &kept_text];
         let controller = Controller::begin(&machine, &more, &folder.path().join("other"));
         let plate_text = plate.display().to_string();
-        let mut args = vec!["run", &plate_text, "--machine", &controller.address, "--machine-file", &machine, "--json"];
+        let mut args = vec![
+            "run",
+            &plate_text,
+            "--machine",
+            &controller.address,
+            "--machine-file",
+            &machine,
+            "--json",
+        ];
         args.extend(["--link", "text", "--report-port", &reports]);
         let done = toolmark(&args, &data).output().expect("it runs");
         let answer: Value = serde_json::from_slice(&done.stdout).unwrap_or_else(|e| panic!("{e}: {}", words(&done)));
-        assert_eq!((done.status.code(), &answer["ended"]), (Some(0), &Value::from("sent")), "{}", words(&done));
+        assert_eq!(
+            (done.status.code(), &answer["ended"]),
+            (Some(0), &Value::from("sent")),
+            "{}",
+            words(&done)
+        );
         assert!(answer["lines"].as_u64() > Some(1000), "{answer}");
         // It cuts on for the time that lines were ahead, and for tool and spindle; then its record is closed.
         let record = kept.join("run-0001.parquet");
@@ -168,7 +220,14 @@ fn the_text_protocol_machines_the_same_part_and_the_controller_keeps_the_record(
         let end = controller.end();
         println!("{attempt}: {end}");
         let rebuilt = folder.path().join("rebuilt.stpnc");
-        let args = ["rebuild", &plate.display().to_string(), &record.display().to_string(), "--machine", &machine, "--json"];
+        let args = [
+            "rebuild",
+            &plate.display().to_string(),
+            &record.display().to_string(),
+            "--machine",
+            &machine,
+            "--json",
+        ];
         let done = toolmark(&args, &data).arg("--out").arg(&rebuilt).output().expect("it runs");
         let told: Value = serde_json::from_slice(&done.stdout).unwrap_or_else(|e| panic!("{e}: {}", words(&done)));
         verdict = told["verdict"].as_str().unwrap_or_default().to_owned();
@@ -176,7 +235,10 @@ fn the_text_protocol_machines_the_same_part_and_the_controller_keeps_the_record(
             break;
         }
         println!("{told}");
-        assert!(end["late_ticks"].as_u64() > Some(0), "only a late machine may leave it incomplete: {told}");
+        assert!(
+            end["late_ticks"].as_u64() > Some(0),
+            "only a late machine may leave it incomplete: {told}"
+        );
     }
     assert_eq!(verdict, "good");
 }
@@ -195,7 +257,9 @@ impl AddIn {
         AddIn { out, lines }
     }
     fn say(&mut self, line: &str) {
-        self.out.write_all(format!("{}\n", line.replace('\n', " ")).as_bytes()).expect("it hears");
+        self.out
+            .write_all(format!("{}\n", line.replace('\n', " ")).as_bytes())
+            .expect("it hears");
     }
     /// The next line of this kind; those of another are passed over.
     fn hear(&mut self, kind: &str) -> Option<Value> {
@@ -233,8 +297,22 @@ fn a_scripted_add_in_gives_operations_while_the_machine_is_cutting() {
     let controller = Controller::begin(&machine, &[], &folder.path().join("other"));
     for attempt in 0..5 {
         let out = folder.path().join(format!("live-{attempt}"));
-        let args = ["live", "--machine", &controller.address, "--machine-file", &machine, "--listen", "127.0.0.1:0", "--json"];
-        let mut live = toolmark(&args, &data).arg("--out").arg(&out).stdout(Stdio::piped()).spawn().expect("it starts");
+        let args = [
+            "live",
+            "--machine",
+            &controller.address,
+            "--machine-file",
+            &machine,
+            "--listen",
+            "127.0.0.1:0",
+            "--json",
+        ];
+        let mut live = toolmark(&args, &data)
+            .arg("--out")
+            .arg(&out)
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("it starts");
         let mut told = BufReader::new(live.stdout.take().expect("piped"));
         let mut line = String::new();
         told.read_line(&mut line).expect("it says where it is");
@@ -244,13 +322,21 @@ fn a_scripted_add_in_gives_operations_while_the_machine_is_cutting() {
         assert!(add_in.hear("refused").is_some_and(|r| r["line"] == 1));
         add_in.say(r#"{"connect":{"client":"a test","job":"plate"}}"#);
         let connected = add_in.hear("connected").expect("an answer");
-        assert_eq!((&connected["machine"], &connected["simulated"]), (&Value::from("sim-mill"), &Value::from(true)));
+        assert_eq!(
+            (&connected["machine"], &connected["simulated"]),
+            (&Value::from("sim-mill"), &Value::from(true))
+        );
         add_in.say(r#"{"start":{}}"#);
         add_in.say(&operation("one", -1.0, 20.0));
         assert!(add_in.hear("accepted").is_some_and(|a| a["operation"] == 1));
         add_in.say(&operation("wrong", -1.0, 90_000.0));
         let why = add_in.hear("refused").expect("an answer");
-        assert!(why["why"].as_str().is_some_and(|why| why.contains("axis X would have to go to")), "{why}");
+        assert!(
+            why["why"]
+                .as_str()
+                .is_some_and(|why| why.contains("axis X would have to go to")),
+            "{why}"
+        );
         let mut cut_while_coming = true;
         for (number, name) in [(1, "two"), (2, "three")] {
             // It is cutting the operation before, and only then the next one is said.
@@ -291,14 +377,23 @@ fn a_scripted_add_in_gives_operations_while_the_machine_is_cutting() {
 
         // As good as from a file: the plan is a file now, and rebuilding from it says the same.
         let again = folder.path().join("again.stpnc");
-        let (plan, record) = (out.join("plan.stpnc").display().to_string(), out.join("record.parquet").display().to_string());
-        let rebuilt = toolmark(&["rebuild", &plan, &record, "--json"], &data).arg("--out").arg(&again).output().expect("it runs");
+        let (plan, record) = (
+            out.join("plan.stpnc").display().to_string(),
+            out.join("record.parquet").display().to_string(),
+        );
+        let rebuilt = toolmark(&["rebuild", &plan, &record, "--json"], &data)
+            .arg("--out")
+            .arg(&again)
+            .output()
+            .expect("it runs");
         let rebuilt: Value = serde_json::from_slice(&rebuilt.stdout).unwrap_or_else(|e| panic!("{e}: {}", words(&rebuilt)));
         for (a, b) in steps.iter().zip(rebuilt["workingsteps"].as_array().expect("workingsteps")) {
             assert_eq!((&a["name"], &a["dev_max_mm"]), (&b["name"], &b["dev_max_mm"]));
         }
         let both = out.join("as-executed.stpnc").display().to_string();
-        let compared = toolmark(&["compare", &both, "--json", "--tolerance", "0.05"], &data).output().expect("it runs");
+        let compared = toolmark(&["compare", &both, "--json", "--tolerance", "0.05"], &data)
+            .output()
+            .expect("it runs");
         assert_eq!(compared.status.code(), Some(0), "{}", words(&compared));
         return;
     }
@@ -313,17 +408,36 @@ fn a_stop_by_ctrl_c_is_a_controlled_one_and_a_second_driver_is_told_who_drives()
     std::fs::write(&plate, PLATE.replace("F1500.", "F60.")).expect("written");
     let controller = Controller::begin(&machine, &[], &folder.path().join("other"));
     let plate_text = plate.display().to_string();
-    let args = ["run", &plate_text, "--machine", &controller.address, "--machine-file", &machine, "--json"];
+    let args = [
+        "run",
+        &plate_text,
+        "--machine",
+        &controller.address,
+        "--machine-file",
+        &machine,
+        "--json",
+    ];
     for attempt in 0..4 {
         let data = folder.path().join(format!("data-{attempt}"));
-        let mut first = toolmark(&args, &data).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("it starts");
+        let mut first = toolmark(&args, &data)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("it starts");
         std::thread::sleep(Duration::from_secs(5));
-        let second = toolmark(&args, &folder.path().join("data-of-another")).output().expect("it runs");
+        let second = toolmark(&args, &folder.path().join("data-of-another"))
+            .output()
+            .expect("it runs");
         assert_eq!(second.status.code(), Some(4), "{}", words(&second));
         assert!(words(&second).contains("is driven by 'plate.nc of"), "{}", words(&second));
         interrupt(&first);
         let mut text = String::new();
-        first.stdout.take().expect("piped").read_to_string(&mut text).expect("its answer");
+        first
+            .stdout
+            .take()
+            .expect("piped")
+            .read_to_string(&mut text)
+            .expect("its answer");
         let status = first.wait().expect("it ends");
         let answer: Value = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}: {text}"));
         println!("{attempt}: {}", answer["text"]);
@@ -350,21 +464,47 @@ fn what_cannot_be_driven_says_why_with_its_exit_code() {
         assert!(words(&done).contains(expected), "{args:?}: {}", words(&done));
     };
     let closed = TcpListener::bind("127.0.0.1:0").and_then(|l| l.local_addr()).expect("a port");
-    check(&["run", &plate, "--machine", &format!("tcp://{closed}")], 4, "is toolmark controller running there?");
+    check(
+        &["run", &plate, "--machine", &format!("tcp://{closed}")],
+        4,
+        "is toolmark controller running there?",
+    );
     check(&["run", &plate, "--machine", "tcp://127.0.0.1"], 2, "the port is missing");
     check(&["run", &plate, "--machine", "udp://127.0.0.1:1"], 2, "only tcp:// is known");
-    check(&["run", &plate, "--machine", "tcp://127.0.0.1:1", "--fast"], 2, "a controller runs in real time");
-    check(&["run", &plate, "--link", "text"], 2, "--link text is for a machine behind tcp://");
-    check(&["check", &plate, "--machine", "tcp://127.0.0.1:1"], 2, "only run and live drive a controller");
-    check(&["controller", "--listen", "0.0.0.0", "--port", "0"], 2, "give certificate, key and authority in [link]");
-    check(&["controller", "--listen", "0.0.0.0", "--link", "text"], 2, "give certificate, key and authority");
+    check(
+        &["run", &plate, "--machine", "tcp://127.0.0.1:1", "--fast"],
+        2,
+        "a controller runs in real time",
+    );
+    check(
+        &["run", &plate, "--link", "text"],
+        2,
+        "--link text is for a machine behind tcp://",
+    );
+    check(
+        &["check", &plate, "--machine", "tcp://127.0.0.1:1"],
+        2,
+        "only run and live drive a controller",
+    );
+    check(
+        &["controller", "--listen", "0.0.0.0", "--port", "0"],
+        2,
+        "give certificate, key and authority in [link]",
+    );
+    check(
+        &["controller", "--listen", "0.0.0.0", "--link", "text"],
+        2,
+        "give certificate, key and authority",
+    );
     check(&["controller", "--pad", "/dev/input/no-such"], 4, "--pad /dev/input/no-such");
     check(&["live", "--listen", "0.0.0.0:0"], 2, "for programs on this computer");
 
     let controller = Controller::begin(&machine, &[], &folder.path().join("other"));
     // Another machine: its X is slower.
     let slower = folder.path().join("slower.toml");
-    let text = std::fs::read_to_string(&machine).expect("the file").replacen("v_max_mm_s = 500.0", "v_max_mm_s = 400.0", 1);
+    let text = std::fs::read_to_string(&machine)
+        .expect("the file")
+        .replacen("v_max_mm_s = 500.0", "v_max_mm_s = 400.0", 1);
     std::fs::write(&slower, text).expect("written");
     let slower = slower.display().to_string();
     check(
@@ -380,7 +520,11 @@ fn what_cannot_be_driven_says_why_with_its_exit_code() {
     stranger.set_read_timeout(Some(Duration::from_secs(10))).expect("a time-out");
     let _ = stranger.read_to_end(&mut said);
     let end = controller.end();
-    assert_eq!((&end["at_rest"], &end["senders"]), (&Value::from(true), &Value::from(0)), "{end}");
+    assert_eq!(
+        (&end["at_rest"], &end["senders"]),
+        (&Value::from(true), &Value::from(0)),
+        "{end}"
+    );
 }
 
 #[test]
@@ -392,30 +536,99 @@ fn certificates_of_the_shop_let_in_and_others_do_not() {
     };
     let authority = |name: &str| {
         let (key, pem, subject) = (format!("{name}.key"), format!("{name}.pem"), format!("/CN={name}"));
-        openssl(&["req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2", "-subj", &subject, "-keyout", &key, "-out", &pem])
+        openssl(&[
+            "req",
+            "-x509",
+            "-newkey",
+            "ec",
+            "-pkeyopt",
+            "ec_paramgen_curve:P-256",
+            "-nodes",
+            "-days",
+            "2",
+            "-subj",
+            &subject,
+            "-keyout",
+            &key,
+            "-out",
+            &pem,
+        ])
     };
     let signed = |name: &str, by: &str| {
-        let (key, csr, pem, subject) = (format!("{name}.key"), format!("{name}.csr"), format!("{name}.pem"), format!("/CN={name}"));
+        let (key, csr, pem, subject) = (
+            format!("{name}.key"),
+            format!("{name}.csr"),
+            format!("{name}.pem"),
+            format!("/CN={name}"),
+        );
         let (ca, ca_key, ext) = (format!("{by}.pem"), format!("{by}.key"), format!("{name}.ext"));
-        std::fs::write(folder.path().join(&ext), "subjectAltName=IP:127.0.0.1\nbasicConstraints=CA:FALSE\n").expect("written");
-        openssl(&["req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-subj", &subject, "-keyout", &key, "-out", &csr])
-            && openssl(&["x509", "-req", "-in", &csr, "-CA", &ca, "-CAkey", &ca_key, "-CAcreateserial", "-days", "2", "-extfile", &ext, "-out", &pem])
+        std::fs::write(
+            folder.path().join(&ext),
+            "subjectAltName=IP:127.0.0.1\nbasicConstraints=CA:FALSE\n",
+        )
+        .expect("written");
+        openssl(&[
+            "req",
+            "-newkey",
+            "ec",
+            "-pkeyopt",
+            "ec_paramgen_curve:P-256",
+            "-nodes",
+            "-subj",
+            &subject,
+            "-keyout",
+            &key,
+            "-out",
+            &csr,
+        ]) && openssl(&[
+            "x509",
+            "-req",
+            "-in",
+            &csr,
+            "-CA",
+            &ca,
+            "-CAkey",
+            &ca_key,
+            "-CAcreateserial",
+            "-days",
+            "2",
+            "-extfile",
+            &ext,
+            "-out",
+            &pem,
+        ])
     };
-    if !(authority("shop") && authority("elsewhere") && signed("mill", "shop") && signed("planner", "shop") && signed("stranger", "elsewhere")) {
+    if !(authority("shop")
+        && authority("elsewhere")
+        && signed("mill", "shop")
+        && signed("planner", "shop")
+        && signed("stranger", "elsewhere"))
+    {
         println!("skipped: the program openssl makes the certificates of this test; install it");
         return;
     }
     let file = |name: &str| {
         let sub = folder.path().join(name);
         std::fs::create_dir_all(&sub).expect("a folder");
-        machine_file(&sub, &format!("[link]\ncertificate = \"../{name}.pem\"\nkey = \"../{name}.key\"\nauthority = \"../shop.pem\"\n"))
+        machine_file(
+            &sub,
+            &format!("[link]\ncertificate = \"../{name}.pem\"\nkey = \"../{name}.key\"\nauthority = \"../shop.pem\"\n"),
+        )
     };
     let plate = folder.path().join("plate.nc");
     std::fs::write(&plate, PLATE).expect("written");
     let plate = plate.display().to_string();
     let controller = Controller::begin(&file("mill"), &[], &folder.path().join("other"));
     let run = |machine: &str| {
-        let args = ["run", &plate, "--machine", &controller.address, "--machine-file", machine, "--json"];
+        let args = [
+            "run",
+            &plate,
+            "--machine",
+            &controller.address,
+            "--machine-file",
+            machine,
+            "--json",
+        ];
         toolmark(&args, &folder.path().join("data")).output().expect("it runs")
     };
     let stranger = run(&file("stranger"));

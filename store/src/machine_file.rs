@@ -195,7 +195,10 @@ impl MachineFile {
         let mut machine = Self::parse(&text, &path.display().to_string())?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let link = &mut machine.link;
-        for file in [&mut link.certificate, &mut link.key, &mut link.authority].into_iter().flatten() {
+        for file in [&mut link.certificate, &mut link.key, &mut link.authority]
+            .into_iter()
+            .flatten()
+        {
             *file = folder.join(&file);
         }
         Ok(machine)
@@ -388,7 +391,11 @@ impl Text {
                 format!("the name {name:?} must have letters, and no `/`: it is part of register paths"),
             ));
         }
-        if let Some(late) = self.late_ticks_allowed.as_ref().filter(|late| *late.get_ref() > MOST_LATE_TICKS) {
+        if let Some(late) = self
+            .late_ticks_allowed
+            .as_ref()
+            .filter(|late| *late.get_ref() > MOST_LATE_TICKS)
+        {
             return Err((late.span().start, format!("late_ticks_allowed is 0 to {MOST_LATE_TICKS}")));
         }
         let kind = *self.kind.get_ref();
@@ -584,7 +591,10 @@ mod tests {
         );
         check_refused(("number = 2", "number = 1"), "55:10: tool 1 is there already");
         check_refused(("name = \"sim-mill\"", "name = \"a/b\""), "2:8: the name \"a/b\"");
-        check_refused(("kind = \"mill\"", "kind = \"mill\"\nlate_ticks_allowed = 101"), "4:22: late_ticks_allowed is 0 to 100");
+        check_refused(
+            ("kind = \"mill\"", "kind = \"mill\"\nlate_ticks_allowed = 101"),
+            "4:22: late_ticks_allowed is 0 to 100",
+        );
         check_refused(("[store]", "[link]\nport = 0\n[store]"), "98:8: ");
         check_refused(
             ("driver = \"sim\"", "driver = \"magic\""),

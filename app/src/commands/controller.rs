@@ -3,15 +3,15 @@
 use super::{Done, print_json};
 use crate::cli::{Common, ControllerArgs, LinkName};
 use crate::controller::gamepad::{Gamepad, Pad};
-use crate::controller::recording::Recording;
-use crate::controller::text_serving;
 use crate::controller::realtime::{AtOnce, Lateness, Privileges, Servo, every_cycle};
+use crate::controller::recording::Recording;
 use crate::controller::serving::{Served, serve};
+use crate::controller::text_serving;
 use crate::failure::{Exit, Failure};
 use crate::link::certificates;
+use crate::link::text_run::REPORT_PORT;
 use crate::program::machine_for;
 use crate::{say, shop};
-use crate::link::text_run::REPORT_PORT;
 use cell::link::{LinkReceiver, MachineCard, TextReceiver};
 use machine::link::Follower;
 use machine::{Plant, Quality, RealtimeHalf, Request};
@@ -44,7 +44,10 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
     let pad = match &args.pad {
         None => Pad::None,
         Some(path) => Pad::Gamepad(Box::new(Gamepad::open(path).map_err(|e| {
-            Failure::machine(format_args!("--pad {}: {e}; ls -l /dev/input/by-id shows what is plugged in", path.display()))
+            Failure::machine(format_args!(
+                "--pad {}: {e}; ls -l /dev/input/by-id shows what is plugged in",
+                path.display()
+            ))
         })?)),
     };
     let text = args.link == LinkName::Text;
@@ -70,7 +73,9 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
             every_cycle(&lateness, &ended, |tick| servo.cycle(tick));
         }
     });
-    let (has, lacks, complete) = privileges.recv().expect("the realtime thread says what it has before anything else");
+    let (has, lacks, complete) = privileges
+        .recv()
+        .expect("the realtime thread says what it has before anything else");
     tell_start(&listener, &machine, (&has, &lacks, complete), common)?;
 
     let served = if text {
@@ -94,7 +99,9 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
             eprintln!("notice: --record is for the text protocol; over the default link the driving side has every sample");
         }
         let receiver = LinkReceiver::new(MachineCard::new(&machine.name, quality, &parameters));
-        serve(&listener, server.as_ref(), receiver, ends, &stop, &mut |notice| eprintln!("{notice}"))
+        serve(&listener, server.as_ref(), receiver, ends, &stop, &mut |notice| {
+            eprintln!("{notice}")
+        })
     };
     ended.store(true, Relaxed);
     realtime.join().expect("the realtime thread does not panic");
@@ -106,15 +113,24 @@ fn listen(args: &ControllerArgs, machine: &MachineFile, ip: IpAddr) -> Result<Tc
     let port = args.port.or(machine.link.port).unwrap_or(PORT);
     let address = SocketAddr::new(ip, port);
     let failed = |e: std::io::Error| {
-        Failure::machine(format_args!("{address} cannot be listened on: {e}; is another controller running? --port takes another"))
+        Failure::machine(format_args!(
+            "{address} cannot be listened on: {e}; is another controller running? --port takes another"
+        ))
     };
     let listener = TcpListener::bind(address).map_err(failed)?;
     listener.set_nonblocking(true).map_err(failed)?;
     Ok(listener)
 }
 
-fn tell_start(listener: &TcpListener, machine: &MachineFile, (has, lacks, complete): (&str, &[String], bool), common: &Common) -> Result<(), Failure> {
-    let address = listener.local_addr().map_err(|e| Failure::machine(format_args!("the address is not known: {e}")))?;
+fn tell_start(
+    listener: &TcpListener,
+    machine: &MachineFile,
+    (has, lacks, complete): (&str, &[String], bool),
+    common: &Common,
+) -> Result<(), Failure> {
+    let address = listener
+        .local_addr()
+        .map_err(|e| Failure::machine(format_args!("the address is not known: {e}")))?;
     if common.json {
         let told = json!({
             "address": format!("tcp://{address}"),
@@ -151,7 +167,11 @@ fn tell_end(served: &Served, lateness: &Lateness, common: &Common) -> Result<(),
     }
     say(&format!(
         "{}: {} late ticks in {} gaps; {} senders, {} refused, {} times the link was lost",
-        if served.at_rest { "stopped at rest" } else { "the machine did not come to rest" },
+        if served.at_rest {
+            "stopped at rest"
+        } else {
+            "the machine did not come to rest"
+        },
         counters.late_ticks,
         counters.late_gaps,
         served.senders,

@@ -33,7 +33,13 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
     let start = clock::start_time(common.start.as_deref())?;
     let stop = stopped_by_signals()?;
     let who = shop::operator(common);
-    let driver = Driver::connect(common, args.machine_file.as_deref(), false, &format!("live job of {who}"), start)?;
+    let driver = Driver::connect(
+        common,
+        args.machine_file.as_deref(),
+        false,
+        &format!("live job of {who}"),
+        start,
+    )?;
     let machine = &driver.machine;
     let mut directory = shop::data_directory(common)?;
     shop::retain(&mut directory, machine, start)?;
@@ -41,7 +47,12 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
     let mut tables = directory.tables(machine).map_err(shop::failure)?;
     driver.place(&mut tables)?;
 
-    let cannot = |e: std::io::Error| Failure::machine(format_args!("{} cannot be listened on: {e}; --listen takes another", args.listen));
+    let cannot = |e: std::io::Error| {
+        Failure::machine(format_args!(
+            "{} cannot be listened on: {e}; --listen takes another",
+            args.listen
+        ))
+    };
     let listener = TcpListener::bind(args.listen).map_err(cannot)?;
     let address = listener.local_addr().map_err(cannot)?;
     if common.json {
@@ -66,7 +77,12 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
             return Err(Failure::usage(why));
         }
     };
-    session.tell(&Heard::Connected(connected(machine, &tables, &connect.work_offset, driver.is_simulated())));
+    session.tell(&Heard::Connected(connected(
+        machine,
+        &tables,
+        &connect.work_offset,
+        driver.is_simulated(),
+    )));
     let job = LiveJob::new(&connect.job, &connect.client, start, plan);
 
     let (to_heading, headings) = mpsc::channel();

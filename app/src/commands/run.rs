@@ -33,7 +33,9 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let start = clock::start_time(common.start.as_deref())?;
     let behind = address::is_address(&common.machine);
     if behind && args.fast {
-        return Err(Failure::usage("--fast is for the simulated world in this process; a controller runs in real time"));
+        return Err(Failure::usage(
+            "--fast is for the simulated world in this process; a controller runs in real time",
+        ));
     }
     let named = if behind { None } else { named_machine(&common.machine)? };
     let mut program = Program::open(&args.program, common.dialect.as_deref(), named.as_ref())?;
@@ -107,7 +109,9 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
 /// A run over the published text protocol: the plan goes out, and the record is the controller's.
 fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done {
     if !address::is_address(&common.machine) {
-        return Err(Failure::usage("--link text is for a machine behind tcp://; start toolmark controller --link text"));
+        return Err(Failure::usage(
+            "--link text is for a machine behind tcp://; start toolmark controller --link text",
+        ));
     }
     if args.as_mtconnect.is_some() || args.plant_shift.is_some() || args.out.is_some() || args.tolerance.is_some() {
         return Err(Failure::usage(
@@ -126,7 +130,11 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
         return Err(Failure::negative("the check failed, nothing was moved"));
     }
     let stop = super::stopped_by_signals()?;
-    let lengths = tables.tools.iter().map(|(n, tool)| (n.0, tool.geometry.0.xyz[2] + tool.wear.0.xyz[2])).collect();
+    let lengths = tables
+        .tools
+        .iter()
+        .map(|(n, tool)| (n.0, tool.geometry.0.xyz[2] + tool.wear.0.xyz[2]))
+        .collect();
     let mut source = Trajectory::new(program.stream(&tables)?, tables.position, shop::limits(&machine));
     let port = args.report_port.or(machine.link.report_port).unwrap_or(REPORT_PORT);
     let address = address::read(&common.machine)?;
@@ -161,7 +169,11 @@ fn machine_file_behind(common: &Common, file: Option<&Path>, turns: bool) -> Res
         return MachineFile::open(path).map_err(shop::failure);
     }
     let own = shop::data_path(common)?.join("machine.toml");
-    if own.is_file() { MachineFile::open(&own).map_err(shop::failure) } else { machine_for("sim", turns) }
+    if own.is_file() {
+        MachineFile::open(&own).map_err(shop::failure)
+    } else {
+        machine_for("sim", turns)
+    }
 }
 
 /// The machine of a run: its file, and the link to it where it is somewhere else.
@@ -187,7 +199,9 @@ impl Driver {
     pub fn connect(common: &Common, file: Option<&Path>, turns: bool, name: &str, start: Timestamp) -> Result<Driver, Failure> {
         if !address::is_address(&common.machine) {
             if file.is_some() {
-                return Err(Failure::usage("--machine-file is for a machine behind tcp://; --machine takes a file itself"));
+                return Err(Failure::usage(
+                    "--machine-file is for a machine behind tcp://; --machine takes a file itself",
+                ));
             }
             let machine = machine_for(&common.machine, turns)?;
             return Ok(Driver { machine, behind: None });
@@ -201,7 +215,10 @@ impl Driver {
         let plan = PlanId(plan.0);
         let (remote, found) = Remote::connect(&address, client, name, plan, &shop::parameters(&machine))?;
         if found.name != machine.name {
-            shop::notice(&format!("{address} is '{}'; the plan is made for '{}', which has the same limits", found.name, machine.name));
+            shop::notice(&format!(
+                "{address} is '{}'; the plan is made for '{}', which has the same limits",
+                found.name, machine.name
+            ));
         }
         Ok(Driver {
             machine,

@@ -276,7 +276,14 @@ mod tests {
         assert_eq!((decoder.state().dead_man, decoder.state().joystick), (false, 0.0));
         decoder.take(&event(EV_SYN, 0, 0));
         assert_eq!((decoder.state().dead_man, decoder.state().joystick), (true, -1.0));
-        decoder.take(&[event(EV_SYN, SYN_DROPPED, 0), event(EV_ABS, ABS_Y, -30_000), event(EV_SYN, 0, 0)].concat());
+        decoder.take(
+            &[
+                event(EV_SYN, SYN_DROPPED, 0),
+                event(EV_ABS, ABS_Y, -30_000),
+                event(EV_SYN, 0, 0),
+            ]
+            .concat(),
+        );
         assert_eq!((decoder.state().dead_man, decoder.state().joystick), (false, 0.0));
     }
 

@@ -77,7 +77,11 @@ impl Recording {
             open.worst = open.worst.max((sample.commanded[k] - sample.actual[k]).abs());
         }
         open.late = report.counters.late_ticks - open.first.counters.late_ticks;
-        open.quiet = if machining || !(report.idle || report.state.needs_a_person()) { 0 } else { open.quiet + 1 };
+        open.quiet = if machining || !(report.idle || report.state.needs_a_person()) {
+            0
+        } else {
+            open.quiet + 1
+        };
         if open.quiet < QUIET {
             return None;
         }

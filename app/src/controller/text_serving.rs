@@ -66,9 +66,13 @@ pub fn serve(
                 Err(_) => receiver.disconnected(connections),
             }
             let to = SocketAddr::new(from.ip(), place.report_port);
-            back = TcpStream::connect_timeout(&to, CONNECT).and_then(|stream| Socket::new(stream, None)).ok();
+            back = TcpStream::connect_timeout(&to, CONNECT)
+                .and_then(|stream| Socket::new(stream, None))
+                .ok();
             if back.is_none() {
-                say(&format!("nobody listens for reports on {to}: the driving side will hear of no emergency stop"));
+                say(&format!(
+                    "nobody listens for reports on {to}: the driving side will hear of no emergency stop"
+                ));
             }
         }
         if let Some((number, socket)) = &mut client
@@ -118,7 +122,9 @@ pub fn serve(
         }
         served.lost_reports = ends.lost_reports.load(Relaxed);
         while let Some(line) = receiver.told() {
-            let sent = back.as_mut().map(|socket| socket.write(line.text().bytes()).and_then(|()| socket.flush()));
+            let sent = back
+                .as_mut()
+                .map(|socket| socket.write(line.text().bytes()).and_then(|()| socket.flush()));
             if matches!(sent, Some(Err(_))) {
                 back = None;
             }
@@ -143,7 +149,11 @@ pub fn serve(
             let rests = last.is_some_and(|report| stands(&report));
             if (rests && since.elapsed() > Duration::from_millis(100)) || since.elapsed() > COMING_TO_REST {
                 served.at_rest = rests;
-                client.into_iter().map(|(_, socket)| socket).chain(back).for_each(Socket::close);
+                client
+                    .into_iter()
+                    .map(|(_, socket)| socket)
+                    .chain(back)
+                    .for_each(Socket::close);
                 return served;
             }
         }
@@ -164,7 +174,10 @@ fn accepted(listener: &TcpListener) -> Option<(TcpStream, SocketAddr)> {
 
 fn acknowledge(last: Option<&Report>, since: &mut Option<Instant>, ends: &mut Ends, stop: &AtomicBool) {
     let stopped = last.is_some_and(|report| {
-        let can_be = matches!(report.state, State::Stopped(_) | State::EmergencyStopReleased | State::Fault(_));
+        let can_be = matches!(
+            report.state,
+            State::Stopped(_) | State::EmergencyStopReleased | State::Fault(_)
+        );
         can_be && stands(report)
     });
     if !stopped || stop.load(Relaxed) {

@@ -45,7 +45,9 @@ pub fn for_listening(address: IpAddr, link: &LinkFile) -> Result<Option<Server>,
     let verifier = WebPkiClientVerifier::builder(Arc::new(identity.authority));
     let verifier = verifier.build().map_err(|e| unusable(link, &e))?;
     let config = ServerConfig::builder().with_client_cert_verifier(verifier);
-    let config = config.with_single_cert(identity.chain, identity.key).map_err(|e| unusable(link, &e))?;
+    let config = config
+        .with_single_cert(identity.chain, identity.key)
+        .map_err(|e| unusable(link, &e))?;
     Ok(Some(Server(Arc::new(config))))
 }
 
@@ -63,7 +65,9 @@ pub fn for_connecting(host: &str, is_loopback: bool, link: &LinkFile) -> Result<
         )));
     };
     let config = ClientConfig::builder().with_root_certificates(identity.authority);
-    let config = config.with_client_auth_cert(identity.chain, identity.key).map_err(|e| unusable(link, &e))?;
+    let config = config
+        .with_client_auth_cert(identity.chain, identity.key)
+        .map_err(|e| unusable(link, &e))?;
     let name = ServerName::try_from(host.to_owned()).map_err(|e| Failure::usage(format_args!("{host}: {e}")))?;
     Ok(Some(Client {
         config: Arc::new(config),
@@ -125,6 +129,10 @@ fn read(link: &LinkFile) -> Result<Option<Identity>, Failure> {
 }
 
 fn unusable(link: &LinkFile, error: &dyn std::fmt::Display) -> Failure {
-    let path = link.certificate.as_ref().map(|path| path.display().to_string()).unwrap_or_default();
+    let path = link
+        .certificate
+        .as_ref()
+        .map(|path| path.display().to_string())
+        .unwrap_or_default();
     Failure::unreadable(format_args!("{path} and its key cannot be used: {error}"))
 }

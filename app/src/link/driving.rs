@@ -11,6 +11,7 @@ use cell::{CommandSource, OfficeHalf, RecordSink};
 use ledger::Event;
 use machine::{Counters, Quality, Report, Request, Sample, State};
 use serde::Serialize;
+use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use units::Tick;
@@ -29,8 +30,9 @@ pub struct Driven {
     pub following_error_max_mm: [f64; 3],
     /// Its root mean square while the axes move, mm.
     pub following_error_rms_mm: [f64; 3],
-    /// Set-points on their way to the machine or in its queue while the path moved, ms of motion: fewest and mean.
-    pub buffer_fewest_ms: u64,
+    /// Set-points on their way to the machine or in its queue while the path moved and was to move on, ms of motion: fewest; `None` when no
+    /// motion was so long that it could tell.
+    pub buffer_fewest_ms: Option<u64>,
     /// The mean of them.
     pub buffer_mean_ms: f64,
     /// Servo cycles that did not take place.
@@ -46,12 +48,23 @@ pub struct Driven {
 }
 
 impl Driven {
+    /// The fewest set-points ahead, in words.
+    pub fn fewest(&self) -> String {
+        self.buffer_fewest_ms
+            .map_or_else(|| "not known".to_owned(), |ms| format!("{ms} ms"))
+    }
+
     /// One line for people.
     pub fn line(&self) -> String {
         let worst = self.following_error_max_mm.iter().copied().fold(0.0, f64::max);
         format!(
-            "driven over {}: following error at most {worst:.4} mm, buffer {} ms at least and {:.0} ms on average, {} late ticks, {} starvations, {} link cuts",
-            self.controller, self.buffer_fewest_ms, self.buffer_mean_ms, self.late_ticks, self.starvations, self.link_cuts
+            "driven over {}: following error at most {worst:.4} mm, buffer {} at least and {:.0} ms on average, {} late ticks, {} starvations, {} link cuts",
+            self.controller,
+            self.fewest(),
+            self.buffer_mean_ms,
+            self.late_ticks,
+            self.starvations,
+            self.link_cuts
         )
     }
 }
@@ -149,7 +162,9 @@ pub fn run<S: CommandSource, K: RecordSink>(
         office.reports_lost(remote.lost_reports(), now, &mut seen);
         if drive.stop.load(Relaxed) && !stop_asked {
             stop_asked = true;
-            eprintln!("notice: controlled stop on the path; a second Ctrl-C ends this program at once, and the machine stops by itself");
+            eprintln!(
+                "notice: controlled stop on the path; a second Ctrl-C ends this program at once, and the machine stops by itself"
+            );
             remote.request(Request::Stop);
         }
         while let Some(request) = (drive.requests)() {
@@ -236,8 +251,13 @@ struct Seen<'s, K> {
     squares: [f64; 3],
     moving: u64,
     fewest: u64,
+    /// Of the last cycles of the present motion: at its end the queue has to run empty, and that is no lack.
+    recent: VecDeque<u64>,
     depths: f64,
 }
+
+/// Cycles at the end of a motion whose depth does not count: more than are ever under way.
+const LAST_OF_MOTION: usize = 300;
 
 impl<'s, K> Seen<'s, K> {
     fn new(sink: &'s mut K) -> Self {
@@ -250,6 +270,7 @@ impl<'s, K> Seen<'s, K> {
             squares: [0.0; 3],
             moving: 0,
             fewest: u64::MAX,
+            recent: VecDeque::with_capacity(LAST_OF_MOTION + 1),
             depths: 0.0,
         }
     }
@@ -265,10 +286,17 @@ impl<'s, K> Seen<'s, K> {
                 self.squares[k] += error * error;
             }
         }
-        if moves {
-            self.moving += 1;
-            self.fewest = self.fewest.min(depth);
-            self.depths += depth as f64;
+        if !moves {
+            self.recent.clear();
+            return;
+        }
+        self.moving += 1;
+        self.depths += depth as f64;
+        self.recent.push_back(depth);
+        if self.recent.len() > LAST_OF_MOTION
+            && let Some(before) = self.recent.pop_front()
+        {
+            self.fewest = self.fewest.min(before);
         }
     }
 
@@ -278,7 +306,7 @@ impl<'s, K> Seen<'s, K> {
             controller: controller.to_owned(),
             following_error_max_mm: self.following,
             following_error_rms_mm: self.squares.map(|sum| (sum / count).sqrt()),
-            buffer_fewest_ms: if self.moving == 0 { 0 } else { self.fewest },
+            buffer_fewest_ms: (self.fewest != u64::MAX).then_some(self.fewest),
             buffer_mean_ms: self.depths / count,
             late_ticks: self.counters.late_ticks,
             late_gaps: self.counters.late_gaps,

@@ -158,7 +158,11 @@ impl Remote {
             Ok(report) => Ok(Some(report)),
             Err(RecvTimeoutError::Timeout) => Ok(None),
             Err(RecvTimeoutError::Disconnected) => {
-                let why = self.lock().ended.clone().unwrap_or_else(|| "the link ended without a word".to_owned());
+                let why = self
+                    .lock()
+                    .ended
+                    .clone()
+                    .unwrap_or_else(|| "the link ended without a word".to_owned());
                 Err(Failure::machine(format_args!("{}: {why}", self.address)))
             }
         }
@@ -242,7 +246,10 @@ impl Speaker {
                     // Before it ever answered there is nothing to come back to.
                     Err(why) if self.heard_of.is_none() => break Some(why.text),
                     Err(why) => {
-                        eprintln!("notice: the link to the controller is cut: {}; the machine stops on its path", why.text);
+                        eprintln!(
+                            "notice: the link to the controller is cut: {}; the machine stops on its path",
+                            why.text
+                        );
                         self.sender.disconnected(self.now());
                         self.lock().cuts += 1;
                     }

@@ -67,7 +67,9 @@ impl Socket {
     /// The other side takes nothing, and too much waits for it.
     pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
         match &mut self.tls {
-            None if self.out.len() + bytes.len() > MOST_WAITING => Err(Error::new(ErrorKind::TimedOut, "the other side takes nothing")),
+            None if self.out.len() + bytes.len() > MOST_WAITING => {
+                Err(Error::new(ErrorKind::TimedOut, "the other side takes nothing"))
+            }
             None => {
                 self.out.extend_from_slice(bytes);
                 Ok(())

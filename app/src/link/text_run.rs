@@ -55,15 +55,25 @@ pub fn run(
     stop: &AtomicBool,
 ) -> Result<TextRun, Failure> {
     let here = address.resolve()?;
-    let failed = |e: std::io::Error| Failure::machine(format_args!("{address}: {e}; is toolmark controller --link text running there?"));
+    let failed = |e: std::io::Error| {
+        Failure::machine(format_args!(
+            "{address}: {e}; is toolmark controller --link text running there?"
+        ))
+    };
     if here.iter().any(|a| !a.ip().is_loopback()) {
         return Err(Failure::usage(format_args!(
             "{address}: the text protocol has neither encryption nor checksums and goes to this computer only; use the default link"
         )));
     }
-    let any: IpAddr = if here[0].is_ipv4() { [127, 0, 0, 1].into() } else { [0, 0, 0, 0, 0, 0, 0, 1].into() };
+    let any: IpAddr = if here[0].is_ipv4() {
+        [127, 0, 0, 1].into()
+    } else {
+        [0, 0, 0, 0, 0, 0, 0, 1].into()
+    };
     let reports = TcpListener::bind(SocketAddr::new(any, report_port)).map_err(|e| {
-        Failure::machine(format_args!("port {report_port} for the controller's reports cannot be listened on: {e}; --report-port takes another"))
+        Failure::machine(format_args!(
+            "port {report_port} for the controller's reports cannot be listened on: {e}; --report-port takes another"
+        ))
     })?;
     reports.set_nonblocking(true).map_err(failed)?;
     let stream = TcpStream::connect_timeout(&here[0], CONNECT).map_err(failed)?;
@@ -102,7 +112,9 @@ pub fn run(
                 Output::Passed(_) => {}
                 Output::Ask(Question::OptionalStop) => answer = Some(Answer::Truth(false)),
                 Output::Ask(question) => {
-                    run.ended = Some(format!("the program asks {question:?}, and the text protocol brings no answers: use the default link"));
+                    run.ended = Some(format!(
+                        "the program asks {question:?}, and the text protocol brings no answers: use the default link"
+                    ));
                     break;
                 }
                 Output::End => {

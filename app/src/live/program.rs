@@ -6,8 +6,8 @@
 
 use super::protocol::{Coolant, Go, Operation, Turn};
 use plan::{
-    Answer, CoolantState, Diagnostic, Feed, FileId, FrameChange, Level, Marker, Missing, Move, Next, Origin, Path, PathMode, Place,
-    ProgramStream, Speed, SpindleMode, SpindleState, Step, StepKind, Tables, ToolCall, ToolEntry, ToolOffset,
+    Answer, CoolantState, Diagnostic, Feed, FileId, FrameChange, Level, Marker, Missing, Move, Next, Origin, Path, PathMode,
+    Place, ProgramStream, Speed, SpindleMode, SpindleState, Step, StepKind, Tables, ToolCall, ToolEntry, ToolOffset,
 };
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -52,7 +52,10 @@ impl LivePlan {
         let known = tables.work_offsets.get(work_offset);
         let Some(machine_from_setup) = known else {
             let names: Vec<&str> = tables.work_offsets.keys().map(String::as_str).collect();
-            return Err(format!("the machine has no work offset '{work_offset}'; it has {}", names.join(", ")));
+            return Err(format!(
+                "the machine has no work offset '{work_offset}'; it has {}",
+                names.join(", ")
+            ));
         };
         Ok(LivePlan {
             frame: FrameChange {
@@ -132,7 +135,11 @@ impl LivePlan {
             let last = all.iter().rposition(|step| step.kind == StepKind::End(Level::Workingstep));
             let end = last.ok_or("the operation moves nothing")? + 1;
             let new = self.give(all, Some(end))?;
-            if new.is_empty() { Err("the operation moves nothing".to_owned()) } else { Ok(new) }
+            if new.is_empty() {
+                Err("the operation moves nothing".to_owned())
+            } else {
+                Ok(new)
+            }
         });
         if result.is_err() {
             self.written = before;
@@ -206,7 +213,11 @@ impl LivePlan {
         self.kinds.push(StepKind::PathMode(match operation.tolerance_mm {
             None => PathMode::Tolerance(None),
             Some(mm) if mm > 0.0 && mm <= 10.0 => PathMode::Tolerance(Some(Millimetres(mm))),
-            Some(mm) => return Err(format!("a tolerance of {mm} mm cannot be: more than 0 and at most 10 are needed")),
+            Some(mm) => {
+                return Err(format!(
+                    "a tolerance of {mm} mm cannot be: more than 0 and at most 10 are needed"
+                ));
+            }
         }));
         for (index, go) in operation.moves.iter().enumerate() {
             let kind = self.go(go).map_err(|why| format!("move {}: {why}", index + 1))?;
@@ -226,7 +237,9 @@ impl LivePlan {
         let length = known.map(|entry| entry.geometry.0.xyz[2]);
         match (length, tool.length_mm) {
             (_, Some(given)) if !(0.0..=2000.0).contains(&given) => {
-                return Err(format!("tool {number}: a length of {given} mm cannot be: 0 to 2000 are needed"));
+                return Err(format!(
+                    "tool {number}: a length of {given} mm cannot be: 0 to 2000 are needed"
+                ));
             }
             (Some(known), Some(given)) if (known - given).abs() > SAME_LENGTH => {
                 return Err(format!(
@@ -348,7 +361,9 @@ impl LivePlan {
 /// Whether two steps are one. What names an instance of the file may be another instance in a later one.
 fn same_step(a: &StepKind, b: &StepKind) -> bool {
     match (a, b) {
-        (StepKind::Begin(a), StepKind::Begin(b)) => (a.level, &a.name, a.maximum_deviation) == (b.level, &b.name, b.maximum_deviation),
+        (StepKind::Begin(a), StepKind::Begin(b)) => {
+            (a.level, &a.name, a.maximum_deviation) == (b.level, &b.name, b.maximum_deviation)
+        }
         (a, b) => a == b,
     }
 }
@@ -357,7 +372,9 @@ fn feed(mm_min: f64) -> Result<Feed, String> {
     if mm_min > 0.0 && mm_min <= 1e6 {
         return Ok(Feed::PerTime(MmPerSec(mm_min / 60.0)));
     }
-    Err(format!("a feed of {mm_min} mm/min cannot be moved at: more than 0 and at most 1000000 are needed"))
+    Err(format!(
+        "a feed of {mm_min} mm/min cannot be moved at: more than 0 and at most 1000000 are needed"
+    ))
 }
 
 fn line(from: Point<Setup>, to: [f64; 3]) -> Path<Setup> {

@@ -265,7 +265,14 @@ mod tests {
         let Ok(Said::Operation(operation)) = read(line) else {
             panic!("{:?}", read(line));
         };
-        assert_eq!((operation.moves.len(), operation.coolant.flood, operation.spindle.map(|s| s.direction)), (4, true, Some(Turn::Cw)));
+        assert_eq!(
+            (
+                operation.moves.len(),
+                operation.coolant.flood,
+                operation.spindle.map(|s| s.direction)
+            ),
+            (4, true, Some(Turn::Cw))
+        );
         assert_eq!(read(r#"{"start":{}}"#), Ok(Said::Start {}));
     }
 
@@ -278,10 +285,16 @@ mod tests {
     #[test]
     fn what_is_no_line_of_the_language_says_what_was_expected() {
         check_refused("start", "column 1: expected value");
-        check_refused(r#"{"begin":{}}"#, "unknown variant `begin`, expected one of `connect`, `start`");
+        check_refused(
+            r#"{"begin":{}}"#,
+            "unknown variant `begin`, expected one of `connect`, `start`",
+        );
         check_refused(r#"{"start":{"now":1}}"#, "unknown field `now`");
         check_refused(r#"{"connect":{"client":"a"}}"#, "missing field `job`");
-        check_refused(r#"{"operation":{"name":"a","tool":{"number":-1},"moves":[]}}"#, "expected u32");
+        check_refused(
+            r#"{"operation":{"name":"a","tool":{"number":-1},"moves":[]}}"#,
+            "expected u32",
+        );
         check_refused(
             r#"{"operation":{"name":"a","tool":{"number":1},"moves":[{"line":{"to":[0,0],"feed_mm_min":1}}]}}"#,
             "invalid length 2",

@@ -81,7 +81,9 @@ impl Session {
         match said {
             Ok(said) => Line::Said(Box::new(said)),
             Err(_) if !whole && text.len() as u64 >= LONGEST_LINE => {
-                self.refuse(&format!("line {number} does not end within {LONGEST_LINE} bytes: split the operation"));
+                self.refuse(&format!(
+                    "line {number} does not end within {LONGEST_LINE} bytes: split the operation"
+                ));
                 // What comes is its rest, and nothing behind it can be told from it.
                 Line::Over
             }
@@ -109,7 +111,11 @@ impl Session {
 
     /// Ends the connection, and with it whoever waits for lines.
     pub fn close(&self) {
-        let _ = self.out.lock().unwrap_or_else(PoisonError::into_inner).shutdown(std::net::Shutdown::Both);
+        let _ = self
+            .out
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .shutdown(std::net::Shutdown::Both);
     }
 
     /// Waits for the first good line, which has to be `connect`.

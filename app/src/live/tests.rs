@@ -49,7 +49,9 @@ fn any_operations(seed: u64) -> Vec<Operation> {
         let mut moves = vec![Go::Rapid { to: [0.0, 0.0, 50.0] }];
         let mut at = [0.0, 0.0, 50.0];
         for _ in 0..number(12) + 1 {
-            let place = |number: &mut dyn FnMut(u64) -> u64| [number(1000) as f64 / 10.0, number(800) as f64 / 10.0, number(60) as f64 - 5.0];
+            let place = |number: &mut dyn FnMut(u64) -> u64| {
+                [number(1000) as f64 / 10.0, number(800) as f64 / 10.0, number(60) as f64 - 5.0]
+            };
             let feed_mm_min = 60.0 + number(2000) as f64;
             moves.push(match number(8) {
                 0 => Go::Dwell {
@@ -82,11 +84,22 @@ fn any_operations(seed: u64) -> Vec<Operation> {
                 }
             });
         }
-        let mut one = operation(&format!("operation {}", if number(4) == 0 { 0 } else { n }), 1 + number(3) as u32, moves);
+        let mut one = operation(
+            &format!("operation {}", if number(4) == 0 { 0 } else { n }),
+            1 + number(3) as u32,
+            moves,
+        );
         one.coolant.flood = number(2) == 0;
         one.coolant.through = number(4) == 0;
         one.tolerance_mm = [None, Some(0.02), Some(0.1)][number(3) as usize];
-        one.spindle = [None, one.spindle, Some(Spindle { rpm: 1200.0, direction: Turn::Ccw })][number(3) as usize];
+        one.spindle = [
+            None,
+            one.spindle,
+            Some(Spindle {
+                rpm: 1200.0,
+                direction: Turn::Ccw,
+            }),
+        ][number(3) as usize];
         all.push(one);
     }
     all
@@ -99,7 +112,9 @@ fn the_steps_of_any_live_job_are_those_of_its_own_file() {
         let mut live = plan();
         let mut given = Vec::new();
         for operation in any_operations(seed) {
-            let new = live.add(&operation).unwrap_or_else(|why| panic!("seed {seed}: {}: {why}", operation.name));
+            let new = live
+                .add(&operation)
+                .unwrap_or_else(|why| panic!("seed {seed}: {}: {why}", operation.name));
             assert!(!new.is_empty(), "seed {seed}");
             given.extend(new);
         }
@@ -117,10 +132,19 @@ fn the_steps_of_any_live_job_are_those_of_its_own_file() {
             match (&mine.kind, &step.kind) {
                 // The instances of what encloses the operations are known when the last one is there.
                 (StepKind::Begin(mine), StepKind::Begin(step)) if mine.level <= Level::Workplan => {
-                    assert_eq!((mine.level, &mine.name, mine.entity), (step.level, &step.name, None), "seed {seed}");
+                    assert_eq!(
+                        (mine.level, &mine.name, mine.entity),
+                        (step.level, &step.name, None),
+                        "seed {seed}"
+                    );
                 }
                 (StepKind::Begin(_) | StepKind::End(Level::Workingstep) | StepKind::Move(_), _) => {
-                    assert_eq!((&mine.kind, mine.origin), (&step.kind, step.origin), "seed {seed}, {}", step.id);
+                    assert_eq!(
+                        (&mine.kind, mine.origin),
+                        (&step.kind, step.origin),
+                        "seed {seed}, {}",
+                        step.id
+                    );
                 }
                 _ => assert_eq!(mine.kind, step.kind, "seed {seed}, {}", step.id),
             }
@@ -185,8 +209,15 @@ fn what_is_planned_while_operations_come_goes_where_the_file_goes() {
         let mut whole = Trajectory::new(Box::new(StepNcStream::new(Arc::new(program), options)), Point::ORIGIN, limits);
         let points = set_points(&mut || whole.next(None));
         for end in ends {
-            let near = points.iter().map(|p| (0..3).map(|k| (p[k] - end[k]).powi(2)).sum::<f64>()).fold(f64::MAX, f64::min);
-            assert!(near.sqrt() < 0.05, "seed {seed}: {end:?} is {} mm beside the file's path", near.sqrt());
+            let near = points
+                .iter()
+                .map(|p| (0..3).map(|k| (p[k] - end[k]).powi(2)).sum::<f64>())
+                .fold(f64::MAX, f64::min);
+            assert!(
+                near.sqrt() < 0.05,
+                "seed {seed}: {end:?} is {} mm beside the file's path",
+                near.sqrt()
+            );
         }
     }
 }
@@ -199,7 +230,11 @@ fn check_refused(operation: &Operation, expected: &str) {
     let bytes = live.file().expect("a plan").bytes.clone();
     let why = live.add(operation).expect_err(expected);
     assert!(why.contains(expected), "{why}");
-    assert_eq!((live.operations(), &live.file().expect("a plan").bytes), (1, &bytes), "nothing has changed");
+    assert_eq!(
+        (live.operations(), &live.file().expect("a plan").bytes),
+        (1, &bytes),
+        "nothing has changed"
+    );
     live.add(&good).expect("the next good one is taken");
 }
 
@@ -210,9 +245,20 @@ fn an_operation_that_cannot_be_done_is_refused_and_changes_nothing() {
     check_refused(&bad(vec![]), "1 to 1000000 moves, this one 0");
     check_refused(&operation(" ", 1, vec![line([0.0; 3], 1.0)]), "needs a name");
     check_refused(&bad(vec![line([0.0; 3], 0.0)]), "move 1: a feed of 0 mm/min");
-    check_refused(&bad(vec![line([0.0; 3], 100.0), line([5000.0, 0.0, 0.0], 100.0)]), "move 2: axis X would have to go to 4500.000 mm");
+    check_refused(
+        &bad(vec![line([0.0; 3], 100.0), line([5000.0, 0.0, 0.0], 100.0)]),
+        "move 2: axis X would have to go to 4500.000 mm",
+    );
     check_refused(&bad(vec![Go::Dwell { time_s: -1.0 }]), "a dwell of -1 s");
-    check_refused(&bad(vec![Go::Dwell { time_s: 1.0 }, Go::Rapid { to: [0.0, f64::NAN, 0.0] }]), "would have to go to NaN mm");
+    check_refused(
+        &bad(vec![
+            Go::Dwell { time_s: 1.0 },
+            Go::Rapid {
+                to: [0.0, f64::NAN, 0.0],
+            },
+        ]),
+        "would have to go to NaN mm",
+    );
     let arc = |to, centre, normal| Go::Arc {
         to,
         centre,
@@ -220,8 +266,14 @@ fn an_operation_that_cannot_be_done_is_refused_and_changes_nothing() {
         direction: Turn::Cw,
         feed_mm_min: 100.0,
     };
-    check_refused(&bad(vec![arc([10.0, 0.0, 50.0], [4.0, 0.0, 50.0], [0.0, 0.0, 1.0])]), "begins 4.0000 mm from its centre and ends 6.0000");
-    check_refused(&bad(vec![arc([10.0, 0.0, 50.0], [5.0, 0.0, 50.0], [0.0; 3])]), "the normal of an arc");
+    check_refused(
+        &bad(vec![arc([10.0, 0.0, 50.0], [4.0, 0.0, 50.0], [0.0, 0.0, 1.0])]),
+        "begins 4.0000 mm from its centre and ends 6.0000",
+    );
+    check_refused(
+        &bad(vec![arc([10.0, 0.0, 50.0], [5.0, 0.0, 50.0], [0.0; 3])]),
+        "the normal of an arc",
+    );
     check_refused(&operation("bad", 0, vec![line([0.0; 3], 1.0)]), "tool 0 is the empty spindle");
     let mut one = bad(vec![line([0.0; 3], 100.0)]);
     one.tool.length_mm = Some(118.0);

@@ -162,7 +162,10 @@ mod tests {
             let index = bucket(nanoseconds);
             let above = upper_edge(index);
             assert!(nanoseconds < above, "{nanoseconds} is not below {above}");
-            assert!((above - nanoseconds) as f64 <= 1.0 + nanoseconds as f64 * 0.032, "{nanoseconds} {above}");
+            assert!(
+                (above - nanoseconds) as f64 <= 1.0 + nanoseconds as f64 * 0.032,
+                "{nanoseconds} {above}"
+            );
             if nanoseconds < 200_000 {
                 assert!(index >= before, "{nanoseconds}");
                 before = index;

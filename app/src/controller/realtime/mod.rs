@@ -289,7 +289,10 @@ mod tests {
             had += 1;
             state = told.report.state;
         }
-        assert_eq!((had, lost), (REPORTS as u64, cycles - REPORTS as u64 - machine::realtime::REPORTS as u64));
+        assert_eq!(
+            (had, lost),
+            (REPORTS as u64, cycles - REPORTS as u64 - machine::realtime::REPORTS as u64)
+        );
         assert_eq!(state, State::Ready);
     }
 

@@ -81,7 +81,12 @@ impl Privileges {
 
 impl fmt::Display for Privileges {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let had: Vec<&str> = self.asked.iter().filter(|one| one.refused.is_none()).map(|one| one.name).collect();
+        let had: Vec<&str> = self
+            .asked
+            .iter()
+            .filter(|one| one.refused.is_none())
+            .map(|one| one.name)
+            .collect();
         match had.as_slice() {
             [] => write!(f, "an ordinary thread"),
             had => write!(f, "{}", had.join(", ")),
@@ -97,7 +102,9 @@ mod system {
 
     /// SCHED_FIFO for the calling thread.
     pub fn first_come_first_served(priority: i32) -> Result<(), String> {
-        let parameter = libc::sched_param { sched_priority: priority };
+        let parameter = libc::sched_param {
+            sched_priority: priority,
+        };
         #[expect(unsafe_code, reason = "no safe wrapper of it exists in a crate that is in the house")]
         // SAFETY: 0 is the calling thread, the parameter is read during the call only and lives longer.
         let answer = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &parameter) };
