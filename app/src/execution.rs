@@ -57,6 +57,8 @@ pub struct Order<'a> {
     pub drives: Drives<'a>,
     /// A person wants it to stop.
     pub stop: Option<&'a AtomicBool>,
+    /// What was found at cycle start, for the report.
+    pub found: Option<String>,
 }
 
 /// What is executed.
@@ -483,6 +485,7 @@ fn rebuild(
         ..asrun::Options::default()
     };
     let mut rebuild = asrun::rebuild(Some(&plan), record, &options);
+    rebuild.report.findings.splice(0..0, order.found.clone());
     if outcome.ended != Ended::Completed {
         let text = outcome.ended.text();
         rebuild
@@ -614,6 +617,7 @@ mod tests {
                 who: "Maria",
                 drives: Drives::World,
                 stop: None,
+                found: None,
             };
             let feature = Feature::TurnedDiameter {
                 z_from: Millimetres(-5.0),

@@ -351,6 +351,7 @@ impl Story<'_> {
             who: &who,
             drives: Drives::World,
             stop: None,
+            found: None,
         };
         execution::run(&order, self.directory, part)
     }

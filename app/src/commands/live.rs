@@ -9,7 +9,9 @@ use crate::live::job::LiveJob;
 use crate::live::program::{LivePlan, write_options};
 use crate::live::protocol::{self, Connected, Heard, KnownTool};
 use crate::live::server::{Heading, PROGRESS, Session, attend};
+use crate::people::{self, Acting};
 use crate::{clock, say, shop};
+use ledger::Action;
 use plan::Tables;
 use std::net::TcpListener;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -32,17 +34,20 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
     }
     let start = clock::start_time(common.start.as_deref())?;
     let stop = stopped_by_signals()?;
-    let who = shop::operator(common);
+    let asked = people::unchecked_name(common);
     let driver = Driver::connect(
         common,
         args.machine_file.as_deref(),
         false,
-        &format!("live job of {who}"),
+        &format!("live job of {asked}"),
         start,
     )?;
     let machine = &driver.machine;
     let mut directory = shop::data_directory(common)?;
     shop::retain(&mut directory, machine, start)?;
+    let acting = Acting::of(&directory, common)?;
+    acting.must(Action::Run, &mut directory, start)?;
+    let who = acting.name.clone();
     directory.take_over(machine, &who, start).map_err(shop::failure)?;
     let mut tables = directory.tables(machine).map_err(shop::failure)?;
     driver.place(&mut tables)?;
@@ -114,6 +119,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
                 who: &who,
                 drives: drives_of(&driver),
                 stop: Some(&stop),
+                found: None,
             };
             execute(&order, &mut directory, None)
         })();
@@ -139,7 +145,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
         session.close();
         ended
     })?;
-    tell_outcome(&done, job.name(), machine, &[], common)
+    tell_outcome(&done, job.name(), machine, &[], (&acting, None), common)
 }
 
 /// Waits until the machine may begin; false when it is not to.

@@ -3,17 +3,19 @@
 use super::check::{print, travels, worst};
 use super::{Done, print_json, tolerance};
 use crate::cli::{Common, LinkName, RunArgs};
+use crate::cycle_start::{self, Checked};
 use crate::execution::{Drives, Order, Run, Work, run as execute};
 use crate::failure::{Exit, Failure};
 use crate::link::remote::{Machine, Remote};
 use crate::link::text_run::REPORT_PORT;
 use crate::link::{address, certificates, driving, text_run};
+use crate::people::{self, Acting};
 use crate::program::{Program, machine_for, named_machine};
 use crate::survey::{Check, State, checks, minutes, survey};
 use crate::{clock, report, say, shop};
 use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
-use ledger::Hash;
+use ledger::{Action, Hash};
 use machine::link::PlanId;
 use motion::Trajectory;
 use plan::Tables;
@@ -39,7 +41,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     }
     let named = if behind { None } else { named_machine(&common.machine)? };
     let mut program = Program::open(&args.program, common.dialect.as_deref(), named.as_ref())?;
-    let who = shop::operator(common);
+    let asked = people::unchecked_name(common);
     if args.link == LinkName::Text {
         return run_over_text(args, &mut program, common);
     }
@@ -47,13 +49,16 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         common,
         args.machine_file.as_deref(),
         program.turns(),
-        &format!("{} of {who}", program.name),
+        &format!("{} of {asked}", program.name),
         start,
     )?;
     let machine = driver.machine.clone();
     let stop = super::stopped_by_signals()?;
     let mut directory = shop::data_directory(common)?;
     shop::retain(&mut directory, &machine, start)?;
+    let acting = Acting::of(&directory, common)?;
+    acting.must(Action::Run, &mut directory, start)?;
+    let who = acting.name.clone();
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
     let mut tables = directory.tables(&machine).map_err(shop::failure)?;
     driver.place(&mut tables)?;
@@ -86,6 +91,16 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     if shifted.is_some() && !driver.is_simulated() {
         return Err(Failure::usage("--plant-shift is for practice on simulated machines only"));
     }
+    let checked = Checked {
+        path: &program.path,
+        hash: program.hash,
+        what: "run",
+        asked: args.edited_outside.map(Into::into),
+    };
+    let edited = cycle_start::check(&checked, &machine, &acting, &mut directory, common, start)?;
+    if let Some(sentence) = &edited {
+        shop::notice(sentence);
+    }
     let faults = shifted.map(planted).into_iter().collect();
     let order = Order {
         work: Work::Program(&program),
@@ -101,9 +116,10 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         who: &who,
         drives: drives_of(&driver),
         stop: Some(&stop),
+        found: edited.clone(),
     };
     let done = execute(&order, &mut directory, None)?;
-    tell_outcome(&done, &program.name, &machine, &all, common)
+    tell_outcome(&done, &program.name, &machine, &all, (&acting, edited.as_deref()), common)
 }
 
 /// A run over the published text protocol: the plan goes out, and the record is the controller's.
@@ -119,8 +135,13 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
         ));
     }
     let machine = machine_file_behind(common, args.machine_file.as_deref(), program.turns())?;
-    let shop::InForce { tables, variables, .. } = shop::in_force(common, &machine)?;
-    program.variables = variables;
+    let start = clock::start_time(common.start.as_deref())?;
+    let mut directory = shop::data_directory(common)?;
+    let acting = Acting::of(&directory, common)?;
+    acting.must(Action::Run, &mut directory, start)?;
+    directory.take_over(&machine, &acting.name, start).map_err(shop::failure)?;
+    let tables = directory.tables(&machine).map_err(shop::failure)?;
+    program.variables = directory.variables(&machine).map_err(shop::failure)?;
     let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
     let all = checks(&found, travels(&machine), &tables);
     if !common.json {
@@ -248,7 +269,14 @@ impl Driver {
 ///
 /// # Errors
 /// The answer is no JSON.
-pub fn tell_outcome(done: &Run, program: &str, machine: &MachineFile, all: &[Check], common: &Common) -> Done {
+pub fn tell_outcome(
+    done: &Run,
+    program: &str,
+    machine: &MachineFile,
+    all: &[Check],
+    (acting, edited): (&Acting, Option<&str>),
+    common: &Common,
+) -> Done {
     let good = done.outcome.ended == Ended::Completed
         && !matches!(done.rebuild.report.verdict, Verdict::OutOfTolerance | Verdict::Incomplete);
     if common.json {
@@ -264,6 +292,8 @@ pub fn tell_outcome(done: &Run, program: &str, machine: &MachineFile, all: &[Che
             "report": done.rebuild.report,
             "printed": done.printed.lines,
             "driven": done.driven,
+            "by": acting.json(),
+            "edited_outside": edited,
         }))?;
     } else {
         say(&format!(

@@ -187,7 +187,7 @@ impl Controller {
             parameters: *parameters,
             loops: core::array::from_fn(|k| {
                 let a = &parameters.axes[k];
-                PositionLoop::new(&a.servo, &a.mechanics, a.pulses_per_mm)
+                PositionLoop::new(&a.servo, &a.mechanics, a.pulses_per_mm).by(parameters.position_law)
             }),
             state: State::Off,
             queue: Ring::new(),
@@ -400,6 +400,8 @@ struct Hand {
     pad: Option<PadState>,
     /// Jog feed, 0 to 255.
     feed: u8,
+    /// The joystick was in its middle since the mode changed.
+    was_in_the_middle: bool,
     /// Commanded acceleration, mm/s^2.
     acceleration: [f64; 3],
     /// The axes move by it.

@@ -19,6 +19,7 @@ pub mod pad;
 pub mod parameters;
 pub mod plant;
 pub mod realtime;
+pub mod registers;
 pub mod ring;
 pub mod sample;
 pub mod servo;
@@ -30,11 +31,12 @@ pub use drive::{AxisOrder, CyclicDrive, DriveMode, DriveOrders, Feedback};
 pub use overrides::Overrides;
 pub use pad::{ControlPad, Mode, NoPad, Notices, PadState};
 pub use parameters::{
-    AxisParameters, CuttingParameters, HomingParameters, MachineParameters, Mechanics, ParameterError, ServoGains,
+    AxisParameters, CuttingParameters, HomingParameters, MachineParameters, Mechanics, ParameterError, PositionLaw, ServoGains,
     SpindleParameters,
 };
 pub use plant::Plant;
 pub use realtime::{RealtimeHalf, Report};
+pub use registers::{RegisterCard, Registers};
 pub use ring::Ring;
 pub use sample::{CHANNELS, Channel, Phase, Quality, Sample};
 pub use state::{Event, FaultCause, HomingStage, State, StopCause, Wait};

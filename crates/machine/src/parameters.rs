@@ -19,6 +19,8 @@ pub struct MachineParameters {
     /// True when the changer needs the spindle to stand (a mill's arm), false for a turret. The spindle gets back to its speed before the
     /// program goes on.
     pub tool_change_stops_spindle: bool,
+    /// How the axes are kept on their set-points.
+    pub position_law: PositionLaw,
     /// Following error that is counted and reported.
     pub following_warning: Millimetres,
     /// Following error at which the drives are stopped.
@@ -81,6 +83,17 @@ pub struct HomingParameters {
     /// After this time backing off or searching slowly it is a fault. The fast search may take as long as its speed takes over the travel
     /// on top of it.
     pub time_out: Seconds,
+}
+
+/// How an axis is kept on its set-points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PositionLaw {
+    /// Position loop with feed-forward of speed, acceleration and friction: for drives that take a torque on top of a speed.
+    #[default]
+    FeedForward,
+    /// The set-point's speed, corrected by the error of the position, and nothing else: the loop of the published CAM-controlled machine, for
+    /// drives that take a speed.
+    SpeedSetPoint,
 }
 
 /// Gains of the cascaded loop of one axis.
@@ -249,6 +262,7 @@ impl MachineParameters {
             },
             tool_change: Seconds(2.5),
             tool_change_stops_spindle: true,
+            position_law: PositionLaw::FeedForward,
             following_warning: Millimetres(0.1),
             following_fault: Millimetres(0.5),
             in_position: Millimetres(0.01),

@@ -55,7 +55,13 @@ impl Bench {
         panic!("not in {longest} ms: {:?} at {:?}", self.state(), self.last().sample.actual);
     }
 
+    /// Shows a state of the pad; a joystick that goes to another axis passes its middle.
     fn pad(&mut self, pad: PadState) -> &mut Self {
+        let before = self.half.pad_mut().0;
+        if before.is_none_or(|b| b.selector != pad.selector || b.emergency_stop) && !pad.emergency_stop {
+            self.half.pad_mut().0 = Some(PadState { joystick: 0.0, ..pad });
+            self.run(1);
+        }
         self.half.pad_mut().0 = Some(pad);
         self
     }
@@ -348,7 +354,7 @@ fn the_pads_emergency_stop_takes_all_output_away_and_is_told_once_each_way() {
         .run(1);
     assert_eq!(bench.state(), State::EmergencyStop);
     bench.run(600);
-    for r in &bench.reports[1205..] {
+    for r in &bench.reports[1206..] {
         assert_eq!(r.orders.spindle, SpindleCommand::Stop);
         assert!(
             r.orders
@@ -372,6 +378,27 @@ fn the_pads_emergency_stop_takes_all_output_away_and_is_told_once_each_way() {
     );
     let told: Vec<bool> = bench.notices().iter().filter_map(|n| n.emergency_stop).collect();
     assert_eq!(told, [true, false]);
+}
+
+#[test]
+fn a_joystick_that_is_pushed_when_a_program_ends_or_the_selector_turns_moves_nothing_until_it_was_in_the_middle() {
+    let mut bench = Bench::new(&MachineParameters::small_machining_centre(), [0.0; 3]);
+    bench.half.pad_mut().0 = Some(jog(2, 1.0));
+    bench.run(300);
+    assert_eq!((bench.state(), bench.last().sample.commanded), (State::Ready, [0.0; 3]));
+    bench.pad(PadState::default()).run(5);
+    let step = StepId(1);
+    bench.half.push(Command::Dwell { cycles: 100, step }).expect("taken");
+    bench.half.push(Command::End { step }).expect("taken");
+    bench.run(10);
+    bench.half.pad_mut().0 = Some(jog(2, 1.0));
+    bench.run(500);
+    assert_eq!((bench.state(), bench.last().sample.commanded), (State::Ready, [0.0; 3]));
+    bench.half.pad_mut().0 = Some(jog(2, 0.0));
+    bench.run(1);
+    bench.half.pad_mut().0 = Some(jog(2, 1.0));
+    bench.run(100);
+    assert_eq!(bench.state(), State::Jogging { axis: 2 });
 }
 
 #[test]

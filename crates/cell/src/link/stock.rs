@@ -40,8 +40,7 @@ impl InForce {
             Command::Coolant { outlets, step } => (self.coolant, self.step) = (outlets, step),
             Command::Tool { tool, step } => (self.tool, self.step) = (tool, step),
             Command::Workingstep { workingstep, step } => (self.workingstep, self.step) = (workingstep, step),
-            // No planner of ours gives one: our set-points are places of the gauge point.
-            Command::ToolLength { step, .. } | Command::Dwell { step, .. } | Command::Pause { step } => self.step = step,
+            Command::Dwell { step, .. } | Command::Pause { step } | Command::ToolLength { step, .. } => self.step = step,
             Command::End { step } => {
                 (self.spindle, self.coolant, self.step) = (SpindleCommand::Stop, CoolantOutlets::default(), step);
             }
@@ -193,8 +192,11 @@ impl Stock {
 /// True for commands that the machine executes at rest.
 pub fn needs_rest(command: &Command) -> bool {
     match command {
-        Command::SetPoint(_) | Command::SpindleSpeed(_) | Command::Coolant { .. } | Command::Workingstep { .. } => false,
-        Command::ToolLength { .. } => true,
+        Command::SetPoint(_)
+        | Command::SpindleSpeed(_)
+        | Command::Coolant { .. }
+        | Command::Workingstep { .. }
+        | Command::ToolLength { .. } => false,
         Command::Spindle { .. } | Command::Tool { .. } | Command::Dwell { .. } | Command::Pause { .. } | Command::End { .. } => {
             true
         }

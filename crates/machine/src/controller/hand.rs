@@ -30,6 +30,8 @@ impl Controller {
         if before.is_none_or(|b| b.feed != pad.feed) {
             self.hand.feed = pad.feed;
         }
+        // A joystick that is pushed when a program ends, or when the selector is turned, must not move anything.
+        self.hand.was_in_the_middle |= !pad.dead_man || pad.joystick.abs() <= MIDDLE;
     }
 
     /// Takes a mode, unless a program has the machine.
@@ -37,6 +39,7 @@ impl Controller {
         let exists = !matches!(mode, Mode::Jog { axis } if usize::from(axis) >= self.commanded.len());
         if exists && mode != self.mode_in_force && !self.is_machining() {
             self.mode_in_force = mode;
+            self.hand.was_in_the_middle = false;
             self.notices.mode = Some(mode);
         }
     }
@@ -106,10 +109,11 @@ impl Controller {
     /// Which axis the joystick moves, and how far it is pushed, -1 to 1; 0 without a dead-man button held.
     fn joystick(&self) -> (usize, f64) {
         match (self.mode_in_force, self.hand.pad) {
-            (Mode::Jog { axis }, Some(pad)) if pad.dead_man && !self.machining && pad.joystick.abs() > MIDDLE => {
-                (usize::from(axis), within(pad.joystick, -1.0, 1.0))
+            (Mode::Jog { axis }, Some(pad)) => {
+                let may = pad.dead_man && self.hand.was_in_the_middle && !self.machining && pad.joystick.abs() > MIDDLE;
+                (usize::from(axis), if may { within(pad.joystick, -1.0, 1.0) } else { 0.0 })
             }
-            (Mode::Jog { axis }, _) => (usize::from(axis), 0.0),
+            (Mode::Jog { axis }, None) => (usize::from(axis), 0.0),
             (Mode::Auto, _) => (0, 0.0),
         }
     }

@@ -16,6 +16,7 @@ impl Controller {
                 self.spindle = SpindleCommand::Stop;
                 self.coolant = CoolantOutlets::default();
                 (self.spindle_rests, self.powerless) = (false, false);
+                self.hand.was_in_the_middle = false;
                 self.forget_program();
                 self.end_machining();
             }

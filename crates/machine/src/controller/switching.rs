@@ -164,7 +164,10 @@ impl Controller {
                 if !stopping && !self.is_back_from_tool_change() {
                     return self.wait(Wait::ToolBack, 0, work.tool);
                 }
-                if self.hand.lengthened != 0.0 && !stopping {
+                if stopping {
+                    // The path is not gone on with: it stands where tools are changed, and not where the path was left.
+                    self.stand_at(self.commanded);
+                } else if self.hand.lengthened != 0.0 {
                     self.go_on_from_tool_change();
                 }
             }
