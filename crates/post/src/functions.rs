@@ -2,6 +2,7 @@
 //! do, else a recorder beside it. Each gets a grade; nothing is native that the reference does not name.
 
 use crate::grade::{Grade, Row, Verdict};
+use crate::letters::pieces;
 use crate::posting::Posting;
 use crate::sheet::Refusal;
 use crate::statement::Statement;
@@ -11,6 +12,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use trace::functions::{Frequency, Recording, SynchronizedAction};
 use trace::sensor::{Sensor, Statistic, streams};
 use trace::{Call, Function};
+
+/// Longest text, and most values, in a line of a log.
+const LONGEST_TEXT: usize = 60;
+const MOST_VALUES: usize = 3;
 
 /// How a program comes by a value.
 #[derive(Clone, Debug, PartialEq)]
@@ -93,7 +98,10 @@ enum Check {
         values: Vec<(Sensor, Source)>,
         workplans: usize,
     },
-    Action { action: SynchronizedAction, number: u32 },
+    Action {
+        action: SynchronizedAction,
+        number: u32,
+    },
 }
 
 impl Posting<'_, '_> {
@@ -297,10 +305,14 @@ impl Posting<'_, '_> {
         }
         match &function.call {
             Call::StartSensorRecording(recording) => {
-                self.tracing.native.insert(key(&recording.id.0), (function.clone(), self.workplans()));
+                self.tracing
+                    .native
+                    .insert(key(&recording.id.0), (function.clone(), self.workplans()));
             }
             Call::StartSynchronizedAction(action) => {
-                self.tracing.native.insert(key(&action.id.0), (function.clone(), self.workplans()));
+                self.tracing
+                    .native
+                    .insert(key(&action.id.0), (function.clone(), self.workplans()));
             }
             Call::StopSensorRecording { id } | Call::StopSynchronizedAction { id } => {
                 self.tracing.native.remove(&key(&id.0));
@@ -313,14 +325,10 @@ impl Posting<'_, '_> {
 
     fn logged(&mut self, items: &[Item], reason: &str) -> Result<Verdict, Refusal> {
         self.begin_log();
-        for item in items {
-            if let Item::Value(_, source) = item {
-                for line in &source.before {
-                    self.sheet.line(line);
-                }
-            }
+        let mut by_log = true;
+        for line in self.lines_of(items) {
+            by_log &= self.control.log(&line, &mut self.sheet)?;
         }
-        let by_log = self.control.log(items, &mut self.sheet)?;
         let known = items.iter().all(|item| match item {
             Item::Value(_, source) => source.verified,
             Item::Text(_) => true,
@@ -329,6 +337,34 @@ impl Posting<'_, '_> {
             by_log && known,
             format!("{reason}written by the program when its block is read"),
         ))
+    }
+
+    /// Long text and many values in as many lines as they take: the line of a control is short.
+    fn lines_of(&self, items: &[Item]) -> Vec<Vec<Item>> {
+        let mut lines: Vec<Vec<Item>> = vec![Vec::new()];
+        let mut values = 0;
+        for item in items {
+            match item {
+                Item::Text(text) => {
+                    let text = self.sheet.paper().letters.write(text);
+                    for (k, piece) in pieces(&text, LONGEST_TEXT).into_iter().enumerate() {
+                        if k > 0 {
+                            lines.push(Vec::new());
+                        }
+                        lines.last_mut().expect("there is one").push(Item::Text(piece));
+                    }
+                }
+                Item::Value(..) => {
+                    if values == MOST_VALUES {
+                        values = 0;
+                        lines.push(Vec::new());
+                    }
+                    values += 1;
+                    lines.last_mut().expect("there is one").push(item.clone());
+                }
+            }
+        }
+        lines
     }
 
     fn begin_log(&mut self) {
@@ -735,7 +771,9 @@ impl Posting<'_, '_> {
     }
 
     fn stop_by_itself(&mut self, id: &str, end: &str) -> Result<(), Refusal> {
-        let Some((function, _)) = self.tracing.native.remove(id) else { return Ok(()) };
+        let Some((function, _)) = self.tracing.native.remove(id) else {
+            return Ok(());
+        };
         let line = match &function.call {
             Call::StartSensorRecording(recording) => {
                 format!("trace:1 stop_sensor_recording its_function_id=\"{}\"", recording.id)

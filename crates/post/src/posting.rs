@@ -409,7 +409,13 @@ impl<'c, 's> Posting<'c, 's> {
                 self.path_mode = *mode;
                 self.write(&Statement::PathMode(*mode))
             }
-            StepKind::Message(text) => self.write(&Statement::Message(text)),
+            StepKind::Message(text) => {
+                if text.len() > 100 {
+                    // What a screen has no room for stands in the program.
+                    self.write(&Statement::Comment(text))?;
+                }
+                self.write(&Statement::Message(text))
+            }
             StepKind::Stop(kind) => self.write(&Statement::Stop(*kind)),
             StepKind::Register(change) => {
                 if let (plan::Register::WorkOffset { name, axis }, Some(after)) = (&change.register, change.after)

@@ -421,6 +421,7 @@ impl Control for Heidenhain {
             match item {
                 Item::Text(words) => add(format!("\"{} \"", sheet.short(words, 120)), sheet),
                 Item::Value(name, source) => {
+                    source.before.iter().for_each(|line| sheet.line(line));
                     let value = if source.factor == 1.0 {
                         source.text.clone()
                     } else {
