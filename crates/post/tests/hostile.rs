@@ -14,7 +14,7 @@ use units::{Millimetres, MmPerSec, Point, Radians, Rpm, Seconds, Setup, StepId, 
 struct Steps(std::vec::IntoIter<StepKind>);
 
 impl StructuredProgram for Steps {
-    fn next_part(&mut self) -> Result<Option<Part>, Alarm> {
+    fn next_part(&mut self) -> Result<Option<Part>, Box<Alarm>> {
         Ok(self.0.next().map(|kind| {
             Part::Step(Step {
                 id: StepId(1),
@@ -94,7 +94,11 @@ fn post_steps(steps: &[StepKind], control: &str) -> Result<String, String> {
         source: "Prüfung (α).stpnc".to_owned(),
         ..Options::default()
     };
-    posted(control, &options, &mut |_| Box::new(Steps(steps.to_vec().into_iter()))).map(|(text, _)| text)
+    posted(control, &options, &mut |_| {
+        let own: Vec<StepKind> = steps.to_vec();
+        Box::new(Steps(own.into_iter()))
+    })
+    .map(|(text, _)| text)
 }
 
 /// What every control's program has to be.
@@ -242,7 +246,7 @@ fn scribble(dice: &mut Dice, planes: &[usize], moves: usize) -> Vec<StepKind> {
     let mut steps = start("scribble");
     let mut at = Point::new(1.0, 2.0, 3.0);
     for _ in 0..moves {
-        let size = 10_f64.powf(dice.between(-3.5, 2.0));
+        let size = libm::pow(10.0, dice.between(-3.5, 2.0));
         let path = if dice.unit() < 0.4 {
             let to = at
                 + Vector::new(
@@ -255,15 +259,15 @@ fn scribble(dice: &mut Dice, planes: &[usize], moves: usize) -> Vec<StepKind> {
             let normal = planes[(dice.unit() * planes.len() as f64) as usize % planes.len()];
             let angle = dice.between(0.0, std::f64::consts::TAU);
             let mut out = [0.0; 3];
-            out[(normal + 1) % 3] = size * angle.cos();
-            out[(normal + 2) % 3] = size * angle.sin();
+            out[(normal + 1) % 3] = size * libm::cos(angle);
+            out[(normal + 2) % 3] = size * libm::sin(angle);
             let mut axis = [0.0; 3];
             axis[normal] = if dice.unit() < 0.5 { 1.0 } else { -1.0 };
             let turns = match (dice.unit() * 4.0) as u32 {
                 0 => std::f64::consts::TAU,
                 1 => dice.between(0.0, 0.01),
                 2 => dice.between(6.0, 15.0),
-                _ => dice.between(0.0, 6.28),
+                _ => dice.between(0.0, 6.2),
             };
             Path::Arc(Arc {
                 from: at,
@@ -289,10 +293,10 @@ fn scribble(dice: &mut Dice, planes: &[usize], moves: usize) -> Vec<StepKind> {
 
 /// What steps do, as [`deeds`] tells it of a stream.
 fn meant(steps: &[StepKind]) -> Vec<Deed> {
-    struct Told(std::vec::IntoIter<StepKind>);
-    impl ProgramStream for Told {
+    struct Told<'s>(std::slice::Iter<'s, StepKind>);
+    impl ProgramStream for Told<'_> {
         fn next(&mut self, _answer: Option<Answer>) -> Next {
-            match self.0.next() {
+            match self.0.next().cloned() {
                 Some(kind) => Next::Step(Step {
                     id: StepId(1),
                     origin: Origin {
@@ -312,7 +316,7 @@ fn meant(steps: &[StepKind]) -> Vec<Deed> {
             ""
         }
     }
-    deeds(&mut Told(steps.to_vec().into_iter()))
+    deeds(&mut Told(steps.iter()))
 }
 
 fn cutting(all: Vec<Deed>) -> Vec<Deed> {
@@ -332,6 +336,7 @@ fn by_move(all: Vec<Deed>) -> BTreeMap<i64, Vec<[f64; 3]>> {
 
 #[test]
 fn any_path_of_lines_and_arcs_is_the_same_path_on_a_fanuc() {
+    #[expect(clippy::disallowed_methods, reason = "a run of random programs can be repeated")]
     let seed: u64 = std::env::var("SEED").ok().and_then(|s| s.parse().ok()).unwrap_or(7);
     for round in 0..12 {
         let mut steps = scribble(&mut Dice(seed + round), &[0, 1, 2], 60);
@@ -350,7 +355,7 @@ fn any_path_of_lines_and_arcs_is_the_same_path_on_a_fanuc() {
             let length: f64 = std::iter::once(&at)
                 .chain(&wanted)
                 .zip(&wanted)
-                .map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt())
+                .map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).abs()).sum::<f64>())
                 .sum();
             match found.get(&number) {
                 // Rounded to 0.001 in each axis, centres too.

@@ -124,7 +124,7 @@ impl Control for Heidenhain {
             lengths: LENGTHS,
             feeds: [plain(3), plain(4)],
             speeds: plain(3),
-            largest: 99_999.9999,
+            largest: 99_999.999_9,
             line_end: "\r\n",
             longest: 240,
             longest_comment: 100,
