@@ -173,6 +173,15 @@ impl<'a> Trajectory<'a> {
         }
     }
 
+    /// Plans under a limit of jerk on a grid that is this many times finer than usual, and with all of the limits: a reference for how fast
+    /// the smoothed path can be travelled. Many times slower, and no sample is looked at.
+    pub fn with_fine_grid(mut self, fineness: f64) -> Self {
+        if let Planner::Jerk(planner) = &mut self.planner {
+            planner.fineness = fineness.clamp(1.0, 100.0);
+        }
+        self
+    }
+
     /// From here on plans for these overrides, as shares of the programmed feeds and of rapids; 1 is 100 %, more than 2 is 2.
     ///
     /// Below 100 % nothing is planned again: the machine slows down what it has at once and on its path, by time, and goes on as fast as
