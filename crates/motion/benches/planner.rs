@@ -20,9 +20,9 @@
 #[path = "../tests/support/mod.rs"]
 mod support;
 
+use motion::Trajectory;
 use plan::{Arc, Path, PathMode, StepKind};
 use std::f64::consts::PI;
-use motion::Trajectory;
 use support::{Generated, Planned, all_of, feed_move, jerk_limited, line, plan, polyline, program, reference};
 use units::{Millimetres, Point, Radians, Vector};
 
