@@ -1,6 +1,10 @@
 //! The command line: what can be asked, in the words of the manual.
 
+pub use crate::commands::machine::MachineCommand;
+pub use crate::commands::offset::OffsetCommand;
+pub use crate::commands::operator::OperatorCommand;
 pub use crate::commands::size::args::SizeCommand;
+pub use crate::commands::tool::ToolCommand;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -30,7 +34,8 @@ pub struct Common {
     /// Data directory [default: $TOOLMARK_DATA, else $XDG_DATA_HOME/toolmark, else ~/.local/share/toolmark].
     #[arg(long, global = true, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// The machine: sim (mill, or lathe when the program turns), sim-mill, sim-lathe, or a machine file.
+    /// The machine: sim (mill, or lathe when the program turns), sim-mill, sim-lathe, or a machine file. Without it, machine.toml of the
+    /// data directory where there is one.
     #[arg(long, global = true, value_name = "M", default_value = "sim")]
     pub machine: String,
     /// Seed of everything random in a simulation; the same seed and start give the same bytes.
@@ -39,7 +44,7 @@ pub struct Common {
     /// Start time of a run, RFC 3339 [default: now].
     #[arg(long, global = true, value_name = "TIME")]
     pub start: Option<String>,
-    /// Who stands behind a change [default: the system's user].
+    /// Who stands behind a change: an operator of the data directory [default: the system's user].
     #[arg(long, global = true, value_name = "NAME")]
     pub operator: Option<String>,
     /// Why.
@@ -86,6 +91,9 @@ pub enum Command {
     Macro(MacroCommand),
     /// Plan a program's motion and write the set-points, 1 ms apart.
     Plan(PlanArgs),
+    /// Write a program for a control: motion, tools, technology, branches and the traceability functions, each function with a grade.
+    #[command(after_help = POST_HELP)]
+    Post(PostArgs),
     /// Record what an MTConnect agent tells: its buffer first, then live, through cuts and restarts of the agent. Ctrl-C ends it. What
     /// could not be had is a gap with its sequence numbers.
     #[command(after_help = RECORD_HELP)]
@@ -111,7 +119,27 @@ pub enum Command {
     /// A measured size becomes one offset change: jobs of sizes, entries, history, undo, macro programs for a control.
     #[command(subcommand)]
     Size(SizeCommand),
+    /// Who works here, with which level: make, change and list operators. Level 1 is the highest, 10 the lowest.
+    #[command(subcommand, after_help = OPERATOR_HELP)]
+    Operator(OperatorCommand),
+    /// The tools of a machine as they are now, and changes of them.
+    #[command(subcommand)]
+    Tool(ToolCommand),
+    /// The work offsets of a machine as they are now, and changes of them.
+    #[command(subcommand)]
+    Offset(OffsetCommand),
+    /// Make a machine file; show what a machine comes to, value by value.
+    #[command(subcommand)]
+    Machine(MachineCommand),
 }
+
+const OPERATOR_HELP: &str = "\
+Until the first operator is made, whoever sits here acts as `local`, level 1. From then on a change needs an operator: --operator NAME, or
+an operator with the name of the system's user. Who is neither is not signed in: look, STOP and feed hold only. Only levels 1 and 2 give
+levels, and never one beyond their own. A lapsed qualification counts as level 10. `toolmark operator rights` shows what each level may.
+A refusal is exit 1 and stands in the log; a name that is no operator's is exit 2.
+  toolmark operator add Maria --experience '12 years, 5 axes'
+  toolmark operator add Jo --level 6 --qualified-until 2027-06-30 --operator Maria --reason 'passed the test'";
 
 /// `toolmark hold`
 #[derive(Debug, Args)]
@@ -287,6 +315,9 @@ P is #id, or names joined by / that end at the part: 'WS 1 face', 'PLATE MAIN/WS
 picks the second of equals. When a path could mean several parts, they are listed and nothing is written (exit 2).
 Changes are made in the order in which they are given. No change gives the same bytes; a change and its opposite give them back. A
 signed file that is changed loses its signature, and that is said. What others still use stays when a part is deleted.
+Each part has an edit access level: of `trace:1 set_edit_access_level` before it, or of its security classification, the stronger one;
+else 10. An operator edits parts of that number and higher ones, and gives, lowers or takes away no level stronger than the own one; else
+it is T-11, exit 1, and nothing is written. Every edit is an event with both hashes. Where there are operators it needs --reason.
   toolmark edit plate.stpnc --out plate2.stpnc --disable 'WS 4 deburr' --feed 'WS 2 pocket=900'
   toolmark edit plate.stpnc --out plate2.stpnc --insert 'WS 1 face' 'trace:1 get_time' --move 'WS 3 drill=WS 2 pocket'
   toolmark edit plate.stpnc --out plate2.stpnc --insert 'WS 1 face' 'workplan: HOLES' --move 'WS 3 drill=HOLES/'";
@@ -348,6 +379,57 @@ pub enum FrameName {
     Machine,
 }
 
+/// What happens with a program that was edited outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PolicyName {
+    /// It is said and recorded, and the program runs.
+    Warn,
+    /// It is said and recorded, and nothing moves.
+    Refuse,
+}
+
+impl From<PolicyName> for store::machine_file::EditedOutside {
+    fn from(name: PolicyName) -> Self {
+        match name {
+            PolicyName::Warn => Self::Warn,
+            PolicyName::Refuse => Self::Refuse,
+        }
+    }
+}
+
+const POST_HELP: &str = "\
+Controls: siemens-840d, fanuc, heidenhain, haas, linuxcnc. Grades of functions: native (the control does it by itself), block-boundary
+(by statements between blocks), external (a recorder beside the control), refused (with the reason). What no manual was at hand for is
+marked: verify at commissioning. Exit 1 when a function is refused; the program is written all the same and says so in its head.
+Conditions of STEP-NC are kept. What a macro of G-code would decide at the machine is refused, or taken as it comes without a machine
+with --as-interpreted.
+  toolmark post plate.stpnc --control siemens-840d --out plate.mpf";
+
+/// `toolmark post`
+#[derive(Debug, Args)]
+pub struct PostArgs {
+    /// STEP-NC, G-code or a cutter-location file.
+    pub program: PathBuf,
+    /// The control it is written for.
+    #[arg(long, value_name = "NAME")]
+    pub control: String,
+    /// Where to [default: stdout; the table goes to stderr then].
+    #[arg(long, value_name = "F")]
+    pub out: Option<PathBuf>,
+    /// Number of the program, where programs have numbers [default: the one in its name, else 1000].
+    #[arg(long, value_name = "N")]
+    pub number: Option<u32>,
+    /// Splines, and arcs that the control has no words for, become chords within so many mm.
+    #[arg(long, value_name = "MM", default_value_t = 0.005)]
+    pub chord: f64,
+    /// Conditions that a control can only check between blocks are checked every so many moves.
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
+    pub check_every: u32,
+    /// Take branches of macros, values of the machine and radius 0 in cutter compensation as they come without a machine.
+    #[arg(long)]
+    pub as_interpreted: bool,
+}
+
 /// `toolmark run`
 #[derive(Debug, Args)]
 pub struct RunArgs {
@@ -366,6 +448,10 @@ pub struct RunArgs {
     /// Verdict: deviation allowed where the program gives none, mm.
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
+    /// A program that was edited outside since its last edit or run here: warn, or refuse it [default: the machine file's, else warn].
+    /// Against a machine file that refuses, `warn` takes level 3 and --reason.
+    #[arg(long, value_name = "POLICY", value_enum)]
+    pub edited_outside: Option<PolicyName>,
     /// Wrong set-up, for practice: the n-th workingstep runs with its work offset shifted by X,Y,Z mm; simulated machines only.
     #[arg(long, value_name = "N:X,Y,Z")]
     pub plant_shift: Option<String>,

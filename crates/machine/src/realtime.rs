@@ -3,7 +3,7 @@
 use crate::controller::{Controller, Counters, Request};
 use crate::drive::CyclicDrive;
 use crate::overrides::Overrides;
-use crate::pad::Notices;
+use crate::pad::{ControlPad, NoPad, Notices};
 use crate::parameters::MachineParameters;
 use crate::ring::Ring;
 use crate::sample::{Quality, Sample};
@@ -35,20 +35,30 @@ pub struct Report {
 
 /// Controller and drives of one machine.
 #[derive(Clone, Debug)]
-pub struct RealtimeHalf<D> {
+pub struct RealtimeHalf<D, P = NoPad> {
     controller: Controller,
     drive: D,
+    pad: P,
     quality: Quality,
     reports: Ring<Report, REPORTS>,
     lost_reports: u64,
 }
 
 impl<D: CyclicDrive> RealtimeHalf<D> {
-    /// A machine without power. `quality` is what its measurements are worth: a simulated drive's are [`Quality::Simulated`].
+    /// A machine without power and without a pad. `quality` is what its measurements are worth: a simulated drive's are
+    /// [`Quality::Simulated`].
     pub fn new(parameters: &MachineParameters, drive: D, quality: Quality) -> Self {
+        RealtimeHalf::with_pad(parameters, drive, NoPad, quality)
+    }
+}
+
+impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
+    /// The same with a control pad.
+    pub fn with_pad(parameters: &MachineParameters, drive: D, pad: P, quality: Quality) -> Self {
         RealtimeHalf {
             controller: Controller::new(parameters),
             drive,
+            pad,
             quality,
             reports: Ring::new(),
             lost_reports: 0,
@@ -58,6 +68,7 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
     /// One servo cycle: read, control, order, report.
     pub fn tick(&mut self, now: Tick) {
         let feedback = self.drive.read(now);
+        self.controller.look_at_pad(self.pad.read(now));
         let orders = self.controller.tick(now, &feedback);
         self.drive.order(now, &orders);
         let report = Report {
@@ -67,7 +78,7 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
             idle: self.controller.is_idle(),
             orders,
             overrides: self.controller.overrides(),
-            notices: Notices::default(),
+            notices: self.controller.take_notices(),
         };
         if self.reports.push(report).is_err() {
             self.lost_reports += 1;
@@ -80,6 +91,16 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
     /// As [`Controller::push`].
     pub fn push(&mut self, command: Command) -> Result<(), Command> {
         self.controller.push(command)
+    }
+
+    /// Takes the last commands of the queue back, as [`Controller::withdraw`].
+    pub fn withdraw(&mut self, count: usize) -> bool {
+        self.controller.withdraw(count)
+    }
+
+    /// Empties the queue at rest, as [`Controller::forget_queue`].
+    pub fn forget_queue(&mut self) -> bool {
+        self.controller.forget_queue()
     }
 
     /// A request of a person.
@@ -105,6 +126,11 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
     /// The drives.
     pub fn drive(&self) -> &D {
         &self.drive
+    }
+
+    /// The pad.
+    pub fn pad_mut(&mut self) -> &mut P {
+        &mut self.pad
     }
 
     /// The drives, to disturb simulated ones.

@@ -1,1 +1,20 @@
-//! What the traceability functions of a program mean: read, checked, compiled to watches, recorded.
+//! The traceability functions of a program: what they are, how they are written, and what they mean.
+//!
+//! A function is one line, `trace:1 get_time its_label="first part"`: the text of an extended NC function in STEP-NC, a condition along a
+//! path, or a comment in G-code. [`parse`] makes a [`Function`] of it, `to_string` writes it again; [`FUNCTIONS`] is every one there is,
+//! from which the manual, the schema's mapping table and the tests are made.
+//!
+//! Read on: [`functions`] for the vocabulary, [`sensor`] for the names of values, [`comment`] for G-code.
+
+pub mod comment;
+pub mod condition;
+mod fault;
+mod function;
+pub mod functions;
+pub mod sensor;
+pub mod unit;
+mod value;
+
+pub use function::{Argument, Function, PREFIX, is_line, meant, parse};
+pub use functions::{Call, Definition, FUNCTIONS};
+pub use value::{Kind, Sampling, Value};
