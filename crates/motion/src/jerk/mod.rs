@@ -16,8 +16,10 @@
 mod chords;
 mod course;
 mod kernel;
+mod limits;
 mod matrix;
 mod solver;
+mod span;
 mod stretch;
 mod vector;
 

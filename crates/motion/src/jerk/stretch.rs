@@ -11,8 +11,10 @@ mod phase;
 mod sights;
 mod window;
 
-use super::course::{Course, Place};
-use super::solver::{Border, Interval, Search};
+use super::course::Course;
+use super::limits::{Border, Interval};
+use super::solver::Search;
+use super::span::Place;
 use super::vector::length;
 use crate::Limits;
 use crate::smooth::Piece;

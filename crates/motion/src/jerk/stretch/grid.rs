@@ -1,6 +1,6 @@
 //! The grid on which a window is solved: its intervals are as wide as the speed and the bends allow.
 
-use super::super::solver::{Border, Interval};
+use super::super::limits::{Border, Interval};
 use super::{CRUISE, Cell, FIRST, GROWTH, INTERVAL, MOST_INTERVALS, Stretch};
 
 /// Share of an interval by which two places may differ that are the same: a last digit of a coordinate must not make another grid.
