@@ -203,7 +203,7 @@ fn stream(blocks: u32) -> std::process::ExitCode {
             (200.0 - turn + 2.0 * u.sin(), 2.0 * (1.0 - u.cos()))
         };
         let x = if row % 2.0 == 0.0 { x } else { 200.0 - turn - x };
-        [x, (4.0 * row + y) % 4000.0, 2.0 * (x / 15.0).sin()]
+        [x, 4.0 * row + y, 2.0 * (x / 15.0).sin()]
     };
     let steps = Generated::new(move |k| (k < blocks).then(|| feed_move(line(at(k), at(k + 1)), 12_000.0)));
     let mut trajectory = Trajectory::new(Box::new(steps), Point::from_xyz(at(0)), jerk_limited(0.01));
