@@ -436,8 +436,11 @@ fn loads_between(window: &Window<'_>, looks: &[Look], loads: &mut Vec<f64>) {
             for axis in 0..3 {
                 let [x, y] = look.border.acceleration[axis];
                 *worst = worst.max((x * b + y * g).abs());
+                // Beside a step both sides count: which of them this is may be rounding.
                 let [x, y, z] = look.border.jerk[axis];
-                *worst = worst.max((x * b + y * g + z * h).abs() * root);
+                for x in [x, look.border.third_before[axis]] {
+                    *worst = worst.max((x * b + y * g + z * h).abs() * root);
+                }
             }
         }
     }
