@@ -1,6 +1,7 @@
 //! A window of the grid is solved, and what the rest at its end does not slow down becomes phases.
 
-use super::super::solver::{Again, Begin, Border, COLD, Interval, Window};
+use super::super::limits::{Begin, Border, Interval, Loads, Window};
+use super::super::solver::{Again, COLD};
 use super::phase::phase;
 use super::{Cell, Stretch};
 
@@ -231,7 +232,7 @@ impl Stretch {
         }
         let mut loads = vec![];
         let mut scale = 0.9f64;
-        let worst = |loads: &[super::super::solver::Loads], from: usize| {
+        let worst = |loads: &[Loads], from: usize| {
             let mut scale = f64::INFINITY;
             for load in &loads[from.min(loads.len())..] {
                 let jerk = load.jerk[0].max(load.jerk[1]).max(1e-30);
@@ -435,8 +436,11 @@ fn loads_between(window: &Window<'_>, looks: &[Look], loads: &mut Vec<f64>) {
             for axis in 0..3 {
                 let [x, y] = look.border.acceleration[axis];
                 *worst = worst.max((x * b + y * g).abs());
+                // Beside a step both sides count: which of them this is may be rounding.
                 let [x, y, z] = look.border.jerk[axis];
-                *worst = worst.max((x * b + y * g + z * h).abs() * root);
+                for x in [x, look.border.third_before[axis]] {
+                    *worst = worst.max((x * b + y * g + z * h).abs() * root);
+                }
             }
         }
     }
