@@ -5,7 +5,7 @@
 //!
 //! Read on: [`command`] for what comes in, [`sample`] for what goes out and what a record's columns are, [`state`] for the table of
 //! states, [`controller`] for stopping on the path and supervision, [`drive`] for the border to real and simulated drives, [`plant`] for
-//! the simulated ones, [`realtime`] for all of it in one cycle.
+//! the simulated ones, [`watch`] for conditions of programs, [`realtime`] for all of it in one cycle.
 
 #![no_std]
 
@@ -19,6 +19,7 @@ pub mod ring;
 pub mod sample;
 pub mod servo;
 pub mod state;
+pub mod watch;
 
 pub use command::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 pub use controller::{Controller, Counters, QUEUE, Request};
@@ -31,3 +32,4 @@ pub use realtime::{RealtimeHalf, Report};
 pub use ring::Ring;
 pub use sample::{CHANNELS, Channel, Phase, Quality, Sample};
 pub use state::{Event, FaultCause, State, StopCause, Wait};
+pub use watch::{WatchOrder, Watches};
