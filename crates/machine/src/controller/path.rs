@@ -1,0 +1,328 @@
+//! Motion along the queue: time along the path, what stops it, and where the plan is between two set-points.
+
+use super::*;
+
+/// Motion along the queue.
+impl Controller {
+    /// Moves on by a number of cycles and gives the commanded acceleration, mm/s^2.
+    pub(super) fn advance(&mut self, cycles: u64, feedback: &Feedback) -> [f64; 3] {
+        self.go_on_with_work(cycles, feedback);
+        let too_few =
+            self.state == State::Waiting(Wait::Commands) && self.barrier.is_none() && self.rate == 0.0 && self.is_short(0.0);
+        if !self.queue.is_empty() && self.in_work.is_none() && !too_few {
+            self.happen(Event::Work);
+        }
+        if !matches!(self.state, State::Running | State::Holding | State::Stopping(_)) || self.in_work.is_some() {
+            return self.stand();
+        }
+        if self.astray {
+            return self.brake_astray();
+        }
+        let before = self.rate;
+        self.choose_rate();
+        // From a rest the drives get the feed-forward of the first set-point in the cycle before it, as of every other.
+        let at_rest = core::mem::take(&mut self.standing) && self.fraction == 0.0 && is_rest(&self.here);
+        let begins = at_rest && self.next_set_point().is_some();
+        self.fraction += self.rate * (cycles - u64::from(begins)) as f64;
+        self.consume();
+        if self.fraction > 0.0 && !self.resting(&self.here) && self.next_set_point().is_none() {
+            self.end_of_path(self.barrier.map_or(StopCause::OffPath, |(_, cause)| cause));
+        }
+        if self.astray {
+            return self.brake_astray();
+        }
+        if self.rate == 0.0 {
+            self.came_to_rest();
+        }
+        let planned = self.planned();
+        let rate = self.rate;
+        let change = (rate - before) / TICK.0;
+        self.commanded = planned.position;
+        self.commanded_velocity = planned.velocity.map(|v| v * rate);
+        self.path_speed = planned.path_speed * rate;
+        let coming = self.coming_acceleration(&planned);
+        core::array::from_fn(|k| coming[k] * rate * rate + planned.velocity[k] * change)
+    }
+
+    pub(super) fn stand(&mut self) -> [f64; 3] {
+        self.standing = true;
+        self.commanded_velocity = [0.0; 3];
+        self.path_speed = 0.0;
+        [0.0; 3]
+    }
+
+    /// Time along the path has come to a standstill.
+    pub(super) fn came_to_rest(&mut self) {
+        let between = self.fraction > 0.0 || !self.resting(&self.here);
+        if self.state == State::Running {
+            self.happen(if between {
+                Event::Stop(StopCause::Starved)
+            } else {
+                Event::Wait(Wait::Commands)
+            });
+        }
+        self.happen(Event::AtRest);
+    }
+
+    /// Slows time down or brings it back, as fast as the axes can.
+    pub(super) fn choose_rate(&mut self) {
+        let planned = self.planned();
+        let speed = length(planned.velocity);
+        let short = self.is_short(speed);
+        if short && let Some((_, cause)) = self.barrier {
+            self.happen(Event::Stop(cause));
+        }
+        let starved = short && self.state == State::Running;
+        let slowed = starved && speed > 0.0;
+        self.counters.starved_ticks += u64::from(slowed);
+        self.counters.starvations += u64::from(slowed && !self.starving);
+        self.starving = slowed;
+        let down = starved || self.state != State::Running;
+        let (fall, rise) = self.rate_steps(&planned, speed);
+        if down {
+            // What an axis can do within one cycle needs no ramp.
+            let abrupt = (0..3).all(|k| (planned.velocity[k] * self.rate).abs() <= self.parameters.axes[k].a_max.0 * TICK.0);
+            self.rate = if abrupt { 0.0 } else { (self.rate - fall).max(0.0) };
+        } else {
+            self.rate = (self.rate + rise).min(1.0);
+        }
+    }
+
+    /// How much `rate` may fall and rise in a cycle such that no axis exceeds its acceleration: |rate^2 q'' + rate' q'| <= a.
+    pub(super) fn rate_steps(&self, planned: &Planned, speed: f64) -> (f64, f64) {
+        let (mut lowest, mut highest) = (f64::NEG_INFINITY, f64::INFINITY);
+        for k in 0..3 {
+            let (v, a) = (planned.velocity[k], self.parameters.axes[k].a_max.0);
+            if v.abs() > 1e-9 {
+                let already = self.rate * self.rate * planned.acceleration[k];
+                let (one, other) = ((-a - already) / v, (a - already) / v);
+                lowest = lowest.max(one.min(other));
+                highest = highest.min(one.max(other));
+            }
+        }
+        let unit = self.weakest_acceleration / speed;
+        (
+            (-lowest).max(LEAST_BRAKING * unit) * TICK.0,
+            highest.max(0.02 * unit) * TICK.0,
+        )
+    }
+
+    /// True when so few set-points are left that the machine has to slow down now to stop on them.
+    pub(super) fn is_short(&self, speed: f64) -> bool {
+        let ahead = self.barrier.map_or(self.queue.len(), |(index, _)| index);
+        // Stopping from rate r at constant deceleration passes over r^2 v / (2 a) of planned time; twice that for bends.
+        let needed = self.rate * self.rate * speed / (self.weakest_acceleration * TICK.0) + LEAST_AHEAD;
+        if ahead as f64 >= needed || (ahead == 0 && self.barrier.is_none() && self.resting(&self.here)) {
+            return false;
+        }
+        // Few, but the path comes to rest by itself: not at a slow set-point from which it speeds up.
+        let speed_at = |index: Option<usize>| match index.map(|i| self.queue.get(i)) {
+            None => length(self.here.velocity),
+            Some(Some(Command::SetPoint(s))) => length(s.velocity),
+            Some(_) => 0.0,
+        };
+        let rests = |index: usize| match self.queue.get(index) {
+            Some(Command::SetPoint(s)) => self.resting(s) && speed_at(index.checked_sub(1)) >= length(s.velocity),
+            Some(command) => needs_rest(command),
+            None => false,
+        };
+        let at_rest_already = self.resting(&self.here) && self.next_set_point().is_none();
+        let comes_to_rest = (0..ahead).rev().any(rests) || at_rest_already;
+        !comes_to_rest
+    }
+
+    /// Takes from the queue what is due.
+    pub(super) fn consume(&mut self) {
+        let mut instant = 0;
+        while self.fraction >= 1.0 {
+            if let Some((0, cause)) = self.barrier {
+                self.end_of_path(cause);
+                return;
+            }
+            match self.queue.front().copied() {
+                None => {
+                    if self.resting(&self.here) {
+                        self.fraction = 0.0;
+                        self.happen(Event::Wait(Wait::Commands));
+                    } else {
+                        self.end_of_path(StopCause::OffPath);
+                    }
+                    return;
+                }
+                Some(Command::SetPoint(next)) => {
+                    self.pop();
+                    self.here = next;
+                    self.step = next.step;
+                    self.fraction -= 1.0;
+                    // A hold or a stop comes to rest here by itself.
+                    if self.state == State::Running && is_rest(&next) && !self.is_in_position() {
+                        self.fraction = 0.0;
+                        let time_out = self.parameters.in_position_time_out;
+                        self.wait(Wait::Position, seconds_in_cycles(time_out.0), self.tool);
+                        return;
+                    }
+                    self.counters.completed += 1;
+                }
+                Some(command) if needs_rest(&command) => {
+                    self.fraction = 0.0;
+                    if self.state == State::Running {
+                        self.pop();
+                        self.begin(command);
+                    } else {
+                        self.rate = 0.0;
+                    }
+                    return;
+                }
+                Some(command) => {
+                    if instant == INSTANT_COMMANDS {
+                        self.fraction = 1.0;
+                        return;
+                    }
+                    instant += 1;
+                    self.pop();
+                    self.begin(command);
+                }
+            }
+        }
+    }
+
+    /// Nothing more can be executed here.
+    pub(super) fn end_of_path(&mut self, cause: StopCause) {
+        self.happen(Event::Stop(cause));
+        self.fraction = 0.0;
+        if self.resting(&self.here) {
+            self.rate = 0.0;
+        } else {
+            self.counters.off_path_stops += 1;
+            self.astray = true;
+        }
+    }
+
+    /// Brakes along the present direction at the highest deceleration that no axis exceeds.
+    pub(super) fn brake_astray(&mut self) -> [f64; 3] {
+        let velocity = self.commanded_velocity;
+        let speed = length(velocity);
+        let mut deceleration = f64::INFINITY;
+        for (k, v) in velocity.iter().enumerate() {
+            if *v != 0.0 {
+                deceleration = deceleration.min(self.parameters.axes[k].a_max.0 * speed / v.abs());
+            }
+        }
+        let left = (speed - deceleration * TICK.0).max(0.0);
+        let share = if speed > 0.0 && left > 0.0 { left / speed } else { 0.0 };
+        let mut acceleration = [0.0; 3];
+        for k in 0..3 {
+            let after = velocity[k] * share;
+            self.commanded[k] += (velocity[k] + after) / 2.0 * TICK.0;
+            acceleration[k] = (after - velocity[k]) / TICK.0;
+            self.commanded_velocity[k] = after;
+        }
+        self.path_speed = left;
+        if share == 0.0 {
+            let rate = 0.0;
+            self.stand_at(self.commanded);
+            self.rate = rate;
+            self.happen(Event::AtRest);
+        }
+        acceleration
+    }
+
+    pub(super) fn pop(&mut self) {
+        self.queue.pop();
+        if let Some((index, _)) = &mut self.barrier {
+            *index = index.saturating_sub(1);
+        }
+    }
+
+    /// Where the plan is now: on the last set-point, or between it and the next by Hermite's cubic.
+    pub(super) fn planned(&self) -> Planned {
+        let a = &self.here;
+        let next = if self.fraction > 0.0 { self.next_set_point() } else { None };
+        let (u, b) = match next {
+            Some(b) => (self.fraction, b),
+            None => {
+                return Planned {
+                    position: a.position,
+                    velocity: a.velocity,
+                    acceleration: a.acceleration,
+                    path_speed: a.path_speed,
+                };
+            }
+        };
+        let between = |from: f64, to: f64| from + (to - from) * u;
+        let (u2, u3) = (u * u, u * u * u);
+        Planned {
+            position: core::array::from_fn(|k| {
+                let (p, q) = (a.position[k], b.position[k]);
+                let (m, n) = (a.velocity[k] * TICK.0, b.velocity[k] * TICK.0);
+                (2.0 * u3 - 3.0 * u2 + 1.0) * p + (u3 - 2.0 * u2 + u) * m + (3.0 * u2 - 2.0 * u3) * q + (u3 - u2) * n
+            }),
+            velocity: core::array::from_fn(|k| between(a.velocity[k], b.velocity[k])),
+            acceleration: core::array::from_fn(|k| between(a.acceleration[k], b.acceleration[k])),
+            path_speed: between(a.path_speed, b.path_speed),
+        }
+    }
+
+    /// Mean acceleration of the plan over the cycle to come, mm/s^2 of planned time.
+    ///
+    /// The orders are for that cycle. With the acceleration of the set-point just reached, the feed-forward would be a cycle late wherever
+    /// the plan begins or ends to accelerate: 3 mm/s of speed at 3000 mm/s^2, and a following error of 20 um.
+    pub(super) fn coming_acceleration(&self, planned: &Planned) -> [f64; 3] {
+        if self.in_work.is_some() {
+            return [0.0; 3];
+        }
+        match self.next_set_point() {
+            Some(next) => core::array::from_fn(|k| (next.velocity[k] - self.here.velocity[k]) / TICK.0),
+            None if is_rest(&self.here) => [0.0; 3],
+            None => planned.acceleration,
+        }
+    }
+
+    /// The set-point that the present one is left towards; `None` when the path ends here.
+    pub(super) fn next_set_point(&self) -> Option<&SetPoint> {
+        let usable = self.barrier.map_or(self.queue.len(), |(index, _)| index);
+        let ahead = (0..usable.min(INSTANT_COMMANDS as usize + 1)).map_while(|index| self.queue.get(index));
+        for command in ahead {
+            match command {
+                Command::SetPoint(next) => return Some(next),
+                other if needs_rest(other) => return None,
+                _ => {}
+            }
+        }
+        None
+    }
+
+    /// True when a set-point is as good as standing: an axis can take away its speed within a cycle.
+    pub(super) fn resting(&self, set_point: &SetPoint) -> bool {
+        (0..3).all(|k| set_point.velocity[k].abs() <= self.parameters.axes[k].a_max.0 * TICK.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+
+    #[test]
+    fn without_any_path_left_it_brakes_along_its_direction_and_never_holds_the_last_speed() {
+        let mut controller = Controller::new(&MachineParameters::small_machining_centre());
+        controller.state = State::Running;
+        controller.here.velocity = [300.0, 400.0, 0.0];
+        controller.commanded_velocity = controller.here.velocity;
+        let feedback = Feedback::default();
+        let mut speeds = std::vec![500.0];
+        while controller.state != State::Stopped(StopCause::OffPath) {
+            controller.advance(1, &feedback);
+            let v = controller.commanded_velocity;
+            assert!((v[0] * 4.0 - v[1] * 3.0).abs() < 1e-9, "left its direction: {v:?}");
+            speeds.push(length(v));
+            assert!(speeds.len() < 1000, "does not stop");
+        }
+        // Y limits: 3000 mm/s^2 of its 4/5 share are 3750 along the direction.
+        for pair in speeds.windows(2) {
+            assert!(pair[0] - pair[1] > 0.0 && pair[0] - pair[1] < 3.751);
+        }
+        assert_eq!((controller.counters.off_path_stops, controller.stands()), (1, true));
+        assert!((length(controller.commanded) - 500.0 * 500.0 / 2.0 / 3750.0).abs() < 0.01);
+    }
+}

@@ -1,0 +1,139 @@
+//! Commands that are not set-points: spindle, coolant, tool, dwell, and waiting for them.
+
+use super::*;
+
+impl Controller {
+    /// Executes a command that is not a set-point.
+    pub(super) fn begin(&mut self, command: Command) {
+        let mut work = None;
+        match command {
+            Command::SetPoint(_) => {}
+            Command::Spindle { spindle, step } => {
+                self.step = step;
+                self.spindle = self.limited(spindle);
+                work = Some((
+                    Wait::Spindle,
+                    seconds_in_cycles(self.parameters.spindle.time_out.0),
+                    self.tool,
+                ));
+            }
+            Command::SpindleSpeed(speed) => {
+                self.spindle = self.limited(match self.spindle {
+                    SpindleCommand::Stop => SpindleCommand::Stop,
+                    SpindleCommand::Clockwise(_) => SpindleCommand::Clockwise(speed),
+                    SpindleCommand::Counterclockwise(_) => SpindleCommand::Counterclockwise(speed),
+                });
+            }
+            Command::Coolant { outlets, step } => {
+                self.step = step;
+                self.coolant = outlets;
+            }
+            Command::Tool { tool, step } => {
+                self.step = step;
+                let time = if tool == self.tool {
+                    0
+                } else {
+                    seconds_in_cycles(self.parameters.tool_change.0)
+                };
+                work = Some((Wait::Tool, time, tool));
+            }
+            Command::Dwell { cycles, step } => {
+                self.step = step;
+                work = Some((Wait::Dwell, u64::from(cycles), self.tool));
+            }
+            Command::Workingstep { workingstep, step } => {
+                self.step = step;
+                self.workingstep = workingstep;
+            }
+            Command::Pause { step } => {
+                self.step = step;
+                self.happen(Event::Pause);
+            }
+            Command::End { step } => {
+                self.step = step;
+                self.happen(Event::ProgramEnd);
+            }
+        }
+        match work {
+            None => self.counters.completed += 1,
+            Some((wait, cycles, tool)) => self.wait(wait, cycles, tool),
+        }
+    }
+
+    /// The command that was just taken needs time.
+    pub(super) fn wait(&mut self, wait: Wait, cycles: u64, tool: ToolNumber) {
+        self.in_work = Some(Work { wait, cycles, tool });
+        self.happen(Event::Wait(wait));
+    }
+
+    /// True when every axis is as near to the set-point that was reached last as the window says.
+    pub(super) fn is_in_position(&self) -> bool {
+        (0..3).all(|k| (self.here.position[k] - self.last_position[k]).abs() <= self.parameters.in_position.0)
+    }
+
+    /// Goes on with a command that takes time. A stop abandons a dwell or a spindle wait; a tool change is finished in any case, and a
+    /// set-point was reached already.
+    pub(super) fn go_on_with_work(&mut self, cycles: u64, feedback: &Feedback) {
+        let Some(work) = self.in_work else { return };
+        let stopping = matches!(self.state, State::Stopping(_));
+        let left = work.cycles.saturating_sub(cycles);
+        self.in_work = Some(Work { cycles: left, ..work });
+        let done = match work.wait {
+            Wait::Tool => left == 0,
+            Wait::Position => {
+                let there = self.is_in_position();
+                self.counters.in_position_time_outs += u64::from(!there && left == 0 && !stopping);
+                there || left == 0 || stopping
+            }
+            _ if stopping => {
+                self.in_work = None;
+                self.counters.discarded += 1;
+                return;
+            }
+            Wait::Spindle => {
+                let there = self.spindle_is_there(feedback.spindle_speed);
+                if !there && left == 0 {
+                    self.happen(Event::Fault(FaultCause::Spindle));
+                }
+                there
+            }
+            Wait::Dwell | Wait::Commands => left == 0,
+        };
+        if !done {
+            return;
+        }
+        self.tool = work.tool;
+        if work.wait == Wait::Tool && !stopping && !self.spindle_is_there(feedback.spindle_speed) {
+            // The change stopped the spindle; it comes back before the program goes on.
+            let cycles = seconds_in_cycles(self.parameters.spindle.time_out.0);
+            self.wait(Wait::Spindle, cycles, work.tool);
+            return;
+        }
+        self.in_work = None;
+        self.counters.completed += 1;
+        self.happen(Event::WaitOver);
+    }
+
+    pub(super) fn spindle_is_there(&self, speed: f64) -> bool {
+        let (target, tolerance) = match self.spindle {
+            SpindleCommand::Stop => (0.0, 0.0),
+            SpindleCommand::Clockwise(n) => (n.0, self.parameters.spindle.tolerance * n.0),
+            SpindleCommand::Counterclockwise(n) => (-n.0, self.parameters.spindle.tolerance * n.0),
+        };
+        (speed - target).abs() <= tolerance.max(SPINDLE_AT_SPEED)
+    }
+
+    /// A spindle command within what the spindle can do; a faster one is counted.
+    pub(super) fn limited(&mut self, spindle: SpindleCommand) -> SpindleCommand {
+        let highest = self.parameters.spindle.highest;
+        let mut limit = |n: Rpm| {
+            self.counters.spindle_limited += u64::from(n > highest);
+            Rpm(within(n.0, 0.0, highest.0))
+        };
+        match spindle {
+            SpindleCommand::Stop => SpindleCommand::Stop,
+            SpindleCommand::Clockwise(n) => SpindleCommand::Clockwise(limit(n)),
+            SpindleCommand::Counterclockwise(n) => SpindleCommand::Counterclockwise(limit(n)),
+        }
+    }
+}
