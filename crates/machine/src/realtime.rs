@@ -6,8 +6,9 @@ use crate::parameters::MachineParameters;
 use crate::ring::Ring;
 use crate::sample::{Quality, Sample};
 use crate::state::State;
+use crate::watch::{Firing, Ordered, Reaction, Readings, Situation, WatchOrder, Watches};
 use crate::{Command, DriveOrders};
-use units::Tick;
+use units::{Millimetres, Tick, ToolNumber};
 
 /// Reports that wait for the office half at most: a quarter of a second.
 pub const REPORTS: usize = 256;
@@ -35,6 +36,10 @@ pub struct RealtimeHalf<D> {
     quality: Quality,
     reports: Ring<Report, REPORTS>,
     lost_reports: u64,
+    parameters: MachineParameters,
+    watches: Watches,
+    readings: Readings,
+    situation: Situation,
 }
 
 impl<D: CyclicDrive> RealtimeHalf<D> {
@@ -46,16 +51,23 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
             quality,
             reports: Ring::new(),
             lost_reports: 0,
+            parameters: *parameters,
+            watches: Watches::new(),
+            readings: Readings::new(),
+            situation: Situation::default(),
         }
     }
 
     /// One servo cycle: read, control, order, report.
     pub fn tick(&mut self, now: Tick) {
+        let before = self.controller.state();
         let feedback = self.drive.read(now);
         let orders = self.controller.tick(now, &feedback);
         self.drive.order(now, &orders);
+        let sample = self.controller.sample(now, &feedback, self.quality);
+        self.watch(before, &sample);
         let report = Report {
-            sample: self.controller.sample(now, &feedback, self.quality),
+            sample,
             state: self.controller.state(),
             counters: self.controller.counters(),
             idle: self.controller.is_idle(),
@@ -63,6 +75,34 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
         };
         if self.reports.push(report).is_err() {
             self.lost_reports += 1;
+        }
+    }
+
+    /// Evaluates the conditions of the program on the values of this cycle. What they do to the motion is in the next set-point.
+    fn watch(&mut self, before: State, sample: &Sample) {
+        let now = sample.tick;
+        let mut reaction = Reaction::None;
+        while let Some(Ordered { order, .. }) = self.controller.watch_order() {
+            match order {
+                WatchOrder::OperationBegins => self.readings.operation(now, true),
+                WatchOrder::OperationEnds => self.readings.operation(now, false),
+                _ => {}
+            }
+            reaction = reaction.max(self.watches.obey(order));
+        }
+        if self.readings.workingstep() != sample.workingstep {
+            reaction = reaction.max(self.watches.operation_ends());
+        }
+        self.readings.take(sample, &self.parameters, self.situation);
+        let verdict = self.watches.cycle(now, &self.readings, self.situation.mode);
+        self.situation.operations = verdict.operations;
+        match reaction.max(verdict.reaction) {
+            Reaction::None | Reaction::StopAfterOperation => {}
+            Reaction::FeedHold => self.controller.request(Request::Hold),
+            Reaction::StopNow => self.controller.request(Request::Stop),
+        }
+        if self.controller.state() == State::Ready && !matches!(before, State::Ready | State::Off) {
+            self.watches.program_ends();
         }
     }
 
@@ -76,7 +116,34 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
 
     /// A request of a person.
     pub fn request(&mut self, request: Request) {
+        let before = self.controller.state();
         self.controller.request(request);
+        match request {
+            Request::CycleStart => self.watches.acknowledge(),
+            Request::Reset if before != self.controller.state() => self.watches.reset(),
+            _ => {}
+        }
+    }
+
+    /// The conditions of the program: loaded before it starts, heard of while it runs.
+    pub fn watches(&mut self) -> &mut Watches {
+        &mut self.watches
+    }
+
+    /// The oldest firing of a watch up to a cycle that was not taken yet: those of a cycle belong to its report.
+    pub fn firing(&mut self, until: Tick) -> Option<Firing> {
+        self.watches.next_firing().filter(|firing| firing.tick <= until)?;
+        self.watches.firing()
+    }
+
+    /// Tells the diameter of a tool, for cutting speeds; false when there is no place for more.
+    pub fn know_tool(&mut self, tool: ToolNumber, diameter: Millimetres) -> bool {
+        self.readings.know_tool(tool.0, diameter.0)
+    }
+
+    /// Tells how long the conditions of the last cycle took, by the clock of who runs the cycles: a data item like any other.
+    pub fn watches_took(&mut self, nanoseconds: f64) {
+        self.situation.cost = nanoseconds;
     }
 
     /// The oldest report that was not taken yet.

@@ -30,7 +30,11 @@ impl Controller {
 /// True for commands that the machine executes at rest.
 pub(super) fn needs_rest(command: &Command) -> bool {
     match command {
-        Command::SetPoint(_) | Command::SpindleSpeed(_) | Command::Coolant { .. } | Command::Workingstep { .. } => false,
+        Command::SetPoint(_)
+        | Command::SpindleSpeed(_)
+        | Command::Coolant { .. }
+        | Command::Workingstep { .. }
+        | Command::Watch { .. } => false,
         Command::Spindle { .. } | Command::Tool { .. } | Command::Dwell { .. } | Command::Pause { .. } | Command::End { .. } => {
             true
         }

@@ -322,7 +322,10 @@ mod tests {
             (&[unknown, Truth(true), Or], Some(true)),
             (&[Truth(false), unknown, Or], None),
             (&[Truth(true), unknown, Xor], None),
-            (&[Signal(0), Constant(0.0), Divide, Constant(0.0), Relate(Relation::Equal)], None),
+            (
+                &[Signal(0), Constant(0.0), Divide, Constant(0.0), Relate(Relation::Equal)],
+                None,
+            ),
         ] {
             assert_eq!(value(operations, 1.0), expected, "{operations:?}");
         }
@@ -355,7 +358,10 @@ mod tests {
         assert_eq!(check(&[Signal(0)]), Err(BadCondition::Result));
         assert_eq!(check(&[Truth(true), Truth(true)]), Err(BadCondition::Result));
         assert_eq!(check(&[And]), Err(BadCondition::Operands { at: 0 }));
-        assert_eq!(check(&[Truth(true), Constant(1.0), Add]), Err(BadCondition::Operands { at: 2 }));
+        assert_eq!(
+            check(&[Truth(true), Constant(1.0), Add]),
+            Err(BadCondition::Operands { at: 2 })
+        );
         assert_eq!(check(&[Constant(1.0), Not]), Err(BadCondition::Operands { at: 1 }));
         assert_eq!(check(&[Signal(200), Not]), Err(BadCondition::Number { at: 0 }));
         assert_eq!(check(&[Alarm(1000)]), Err(BadCondition::Number { at: 0 }));

@@ -344,7 +344,9 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
 
 /// The place of a number among the constants; found again when it is there already, so that a thousand conditions at 80 % need one.
 fn constant(constants: &mut [f64; CONSTANTS], numbers: &mut usize, value: f64) -> Option<u16> {
-    let known = constants[..*numbers].iter().rposition(|known| known.to_bits() == value.to_bits());
+    let known = constants[..*numbers]
+        .iter()
+        .rposition(|known| known.to_bits() == value.to_bits());
     let at = known.unwrap_or(*numbers);
     *constants.get_mut(at)? = value;
     *numbers = (*numbers).max(at + 1);

@@ -1,7 +1,7 @@
 //! What conditions and recordings can look at: one table of signals, worked out once in a cycle from its sample.
 
 use crate::{MachineParameters, Phase, Sample};
-use units::{TICK, Tick};
+use units::{TICK, Tick, WorkingstepId};
 
 /// Most signals: their number fits a byte, so that looking one up cannot miss.
 pub const MOST_SIGNALS: usize = 256;
@@ -100,9 +100,7 @@ const fn derived(name: &'static str, unit: &'static str, read: fn(&Cycle<'_>) ->
 
 /// Rate of change of what two neighbouring cycles hold.
 fn rate(cycle: &Cycle<'_>, of: fn(&Sample) -> f64) -> f64 {
-    cycle
-        .before
-        .map_or(f64::NAN, |before| (of(cycle.now) - of(before)) / TICK.0)
+    cycle.before.map_or(f64::NAN, |before| (of(cycle.now) - of(before)) / TICK.0)
 }
 
 fn torque(cycle: &Cycle<'_>, axis: usize) -> f64 {
@@ -264,7 +262,9 @@ impl Readings {
         }
         // Outside of one it is 0: nothing lasts too long that is not there.
         let since = |began: Option<Tick>| began.map_or(0.0, |began| (now - began) as f64 * TICK.0);
-        let tool = self.diameters[..self.tools].iter().find(|(number, _)| *number == sample.tool.0);
+        let tool = self.diameters[..self.tools]
+            .iter()
+            .find(|(number, _)| *number == sample.tool.0);
         let cycle = Cycle {
             now: sample,
             before: before.as_ref().filter(|b| b.tick + 1 == now),
@@ -280,6 +280,11 @@ impl Readings {
         for (value, signal) in self.values.iter_mut().zip(SIGNALS) {
             *value = (signal.read)(&cycle);
         }
+    }
+
+    /// The workingstep of the cycle that was taken last.
+    pub fn workingstep(&self) -> WorkingstepId {
+        self.before.map_or(WorkingstepId(0), |before| before.workingstep)
     }
 
     /// The value of a signal; `None` when it is not known.
@@ -298,7 +303,7 @@ impl Readings {
 mod tests {
     extern crate std;
     use super::*;
-    use units::{ToolNumber, WorkingstepId};
+    use units::ToolNumber;
 
     fn value(readings: &Readings, name: &str) -> Option<f64> {
         readings.value(signal(name).expect("in the table"))
