@@ -26,6 +26,8 @@ pub struct Report {
     pub idle: bool,
     /// What the drives were told.
     pub orders: DriveOrders,
+    /// What conditions and recordings see beside the sample.
+    pub situation: Situation,
 }
 
 /// Controller and drives of one machine.
@@ -65,6 +67,7 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
         let orders = self.controller.tick(now, &feedback);
         self.drive.order(now, &orders);
         let sample = self.controller.sample(now, &feedback, self.quality);
+        let situation = self.situation;
         self.watch(before, &sample);
         let report = Report {
             sample,
@@ -72,6 +75,7 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
             counters: self.controller.counters(),
             idle: self.controller.is_idle(),
             orders,
+            situation,
         };
         if self.reports.push(report).is_err() {
             self.lost_reports += 1;
