@@ -11,6 +11,7 @@
 
 pub mod events;
 pub mod faults;
+pub mod link;
 pub mod observe;
 pub mod office;
 pub mod proof;

@@ -8,7 +8,7 @@ use crate::events::{self, Detail, detail};
 use crate::sink::RecordSink;
 use crate::source::{CommandSource, Output};
 use ledger::Chain;
-use machine::watch::{Firing, LoadError};
+use machine::watch::{Firing, LoadError, Situation};
 use machine::{Command, Counters, FaultCause, Report, Request, Sample, State, StopCause, Wait};
 use plan::{Alarm, Answer, Level, Place, Question, Step, StepKind};
 use serde_json::{Value, json};
@@ -325,7 +325,12 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         }
         self.last_sample = report.sample;
         if let Some(recorder) = &mut self.functions {
-            recorder.cycle(&report.sample, report.situation);
+            let situation = Situation {
+                feed_override: f64::from(report.overrides.feed),
+                cost: report.watches,
+                ..Situation::default()
+            };
+            recorder.cycle(&report.sample, situation);
         }
         let place = report.sample.actual;
         if place.iter().zip(self.stands_at).all(|(p, at)| (p - at).abs() <= STANDSTILL) {

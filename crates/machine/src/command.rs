@@ -26,7 +26,8 @@ pub struct SetPoint {
     pub path_speed: f64,
     /// It belongs to a rapid: the rapid override is for it, not the feed override.
     pub rapid: bool,
-    /// The override it was planned for, 1 is 100 %: the machine runs slower than the plan where the override is below this.
+    /// The override it was planned for, 1 is 100 %: the machine runs slower than the plan where the override is below this. 0 where none
+    /// acts on it: a thread is tied to the spindle and runs as planned, with the spindle at 100 %.
     pub planned_override: f64,
 }
 
@@ -43,6 +44,13 @@ impl Default for SetPoint {
             rapid: false,
             planned_override: 1.0,
         }
+    }
+}
+
+impl SetPoint {
+    /// True where no override acts: a thread. A feed hold waits for its end.
+    pub fn is_locked(&self) -> bool {
+        self.planned_override <= 0.0
     }
 }
 

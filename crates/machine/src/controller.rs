@@ -14,11 +14,14 @@
 
 mod admission;
 mod path;
+mod rate;
 mod supervision;
 mod switching;
+mod withdraw;
 
 use crate::drive::{AxisOrder, DriveMode, DriveOrders, Feedback};
-use crate::parameters::MachineParameters;
+use crate::overrides::Overrides;
+use crate::parameters::{AxisParameters, MachineParameters};
 use crate::ring::Ring;
 use crate::sample::{Quality, Sample};
 use crate::servo::{PositionLoop, within};
@@ -41,8 +44,6 @@ const SLACK: f64 = 0.002;
 const BRIDGED_READINGS: u32 = 3;
 /// An encoder reading is impossible when it is this far from where position and speed of the last cycle lead, mm.
 const IMPOSSIBLE: f64 = 0.05;
-/// A stop on a bend must not exceed axis limits, but it must end: at least this part of the weakest axis's acceleration is used.
-const LEAST_BRAKING: f64 = 0.3;
 /// Set-points that have to be there before a path is begun.
 const LEAST_AHEAD: f64 = 8.0;
 /// Lost cycles beyond which drives have stopped by themselves.
@@ -67,6 +68,8 @@ pub enum Request {
     Stop,
     /// Acknowledge a stop, a fault or a released emergency stop: the queue is emptied.
     Reset,
+    /// Feed, rapid and spindle override.
+    Override(Overrides),
 }
 
 /// Things that are counted and never only happen.
@@ -115,6 +118,11 @@ pub struct Controller {
     fraction: f64,
     /// Planned time for each real time, 0..=1.
     rate: f64,
+    /// How fast that changes, 1/s.
+    rate_change: f64,
+    /// The program's plan jerks more than the axes should: it was made without that limit.
+    is_jerky: bool,
+    overrides: Overrides,
     /// The last cycle was no motion.
     standing: bool,
     /// Braking beside the path, because there is none left.
@@ -140,14 +148,12 @@ pub struct Controller {
     starving: bool,
     /// The commanded position is to be taken from the encoders before anything is executed.
     synchronise: bool,
-    weakest_acceleration: f64,
     counters: Counters,
 }
 
 impl Controller {
     /// A controller without power. Parameters are to be checked before ([`MachineParameters::check`]).
     pub fn new(parameters: &MachineParameters) -> Self {
-        let weakest = parameters.axes.iter().map(|a| a.a_max.0).fold(f64::INFINITY, f64::min);
         Controller {
             parameters: *parameters,
             loops: core::array::from_fn(|k| {
@@ -161,6 +167,9 @@ impl Controller {
             here: SetPoint::default(),
             fraction: 0.0,
             rate: 1.0,
+            rate_change: 0.0,
+            is_jerky: false,
+            overrides: Overrides::default(),
             standing: true,
             astray: false,
             commanded: [0.0; 3],
@@ -180,7 +189,6 @@ impl Controller {
             warned: false,
             starving: false,
             synchronise: true,
-            weakest_acceleration: weakest,
             counters: Counters::default(),
         }
     }
@@ -213,6 +221,7 @@ impl Controller {
             self.barrier = Some((index, cause));
         }
         if let Command::SetPoint(set_point) = command {
+            self.is_jerky |= self.jerks(&set_point);
             self.tail = set_point;
         }
         Ok(())
@@ -238,6 +247,11 @@ impl Controller {
         self.counters
     }
 
+    /// The overrides in force.
+    pub fn overrides(&self) -> Overrides {
+        self.overrides
+    }
+
     /// True when nothing is queued or in work: everything taken in is done, and the axes are commanded to stand.
     pub fn is_idle(&self) -> bool {
         self.queue.is_empty() && self.in_work.is_none() && self.stands()
@@ -259,6 +273,7 @@ impl Controller {
             // Nothing is acknowledged while something still moves.
             Request::Reset if self.last_velocity.iter().all(|v| v.abs() < STANDSTILL) => self.happen(Event::Reset),
             Request::Reset => {}
+            Request::Override(overrides) => self.overrides = overrides.limited(),
         }
     }
 

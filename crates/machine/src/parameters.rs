@@ -5,7 +5,7 @@
 //! source does not give (travels, rated currents, motor encoders, spindle, thermal behaviour, cutting) is assumed and says so here;
 //! nothing in it is a measurement of a real machine's.
 
-use units::{Millimetres, MmPerSec, MmPerSec2, Rpm, Seconds};
+use units::{Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Rpm, Seconds};
 
 /// Everything the realtime half and the simulated mechanics need to know about one machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +44,8 @@ pub struct AxisParameters {
     pub v_max: MmPerSec,
     /// Highest acceleration.
     pub a_max: MmPerSec2,
+    /// Highest jerk: of hold, override and jog. Assumed.
+    pub j_max: MmPerSec3,
     /// Encoder resolution, pulses per millimetre.
     pub pulses_per_mm: f64,
     /// Position and velocity loop.
@@ -179,6 +181,7 @@ impl MachineParameters {
             highest: Millimetres(1000.0),
             v_max: MmPerSec(500.0),
             a_max: MmPerSec2(3000.0),
+            j_max: MmPerSec3(50_000.0),
             pulses_per_mm: 1000.0,
             servo: ServoGains {
                 position,
@@ -258,6 +261,7 @@ impl MachineParameters {
                 ("highest - lowest", a.highest.0 - a.lowest.0),
                 ("v_max", a.v_max.0),
                 ("a_max", a.a_max.0),
+                ("j_max", a.j_max.0),
                 ("pulses_per_mm", a.pulses_per_mm),
                 ("servo.velocity", a.servo.velocity),
                 ("servo.integral_time", a.servo.integral_time),

@@ -2,11 +2,13 @@
 
 use crate::controller::{Controller, Counters, Request};
 use crate::drive::CyclicDrive;
+use crate::overrides::Overrides;
+use crate::pad::Notices;
 use crate::parameters::MachineParameters;
 use crate::ring::Ring;
 use crate::sample::{Quality, Sample};
 use crate::state::State;
-use crate::watch::{Firing, Ordered, Reaction, Readings, Situation, WatchOrder, Watches};
+use crate::watch::{Firing, Ordered, Reaction, Readings, Situation, WatchCost, WatchOrder, Watches};
 use crate::{Command, DriveOrders};
 use units::{Millimetres, Tick, ToolNumber};
 
@@ -26,8 +28,12 @@ pub struct Report {
     pub idle: bool,
     /// What the drives were told.
     pub orders: DriveOrders,
-    /// What conditions and recordings see beside the sample.
-    pub situation: Situation,
+    /// What the conditions of the cycle before cost.
+    pub watches: WatchCost,
+    /// The overrides in force.
+    pub overrides: Overrides,
+    /// Emergency stop, mode, joystick and home, once when it happens.
+    pub notices: Notices,
 }
 
 /// Controller and drives of one machine.
@@ -67,7 +73,7 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
         let orders = self.controller.tick(now, &feedback);
         self.drive.order(now, &orders);
         let sample = self.controller.sample(now, &feedback, self.quality);
-        let situation = self.situation;
+        let watches = self.situation.cost;
         self.watch(before, &sample);
         let report = Report {
             sample,
@@ -75,7 +81,9 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
             counters: self.controller.counters(),
             idle: self.controller.is_idle(),
             orders,
-            situation,
+            watches,
+            overrides: self.controller.overrides(),
+            notices: Notices::default(),
         };
         if self.reports.push(report).is_err() {
             self.lost_reports += 1;
@@ -97,9 +105,10 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
         if self.readings.workingstep() != sample.workingstep {
             reaction = reaction.max(self.watches.operation_ends());
         }
+        self.situation.feed_override = f64::from(self.controller.overrides().feed);
         self.readings.take(sample, &self.parameters, self.situation);
         let verdict = self.watches.cycle(now, &self.readings, self.situation.mode);
-        self.situation.operations = verdict.operations;
+        self.situation.cost.operations = verdict.operations;
         match reaction.max(verdict.reaction) {
             Reaction::None | Reaction::StopAfterOperation => {}
             Reaction::FeedHold => self.controller.request(Request::Hold),
@@ -116,6 +125,16 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
     /// As [`Controller::push`].
     pub fn push(&mut self, command: Command) -> Result<(), Command> {
         self.controller.push(command)
+    }
+
+    /// Takes the last commands of the queue back, as [`Controller::withdraw`].
+    pub fn withdraw(&mut self, count: usize) -> bool {
+        self.controller.withdraw(count)
+    }
+
+    /// Empties the queue at rest, as [`Controller::forget_queue`].
+    pub fn forget_queue(&mut self) -> bool {
+        self.controller.forget_queue()
     }
 
     /// A request of a person.
@@ -146,8 +165,8 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
     }
 
     /// Tells how long the conditions of the last cycle took, by the clock of who runs the cycles: a data item like any other.
-    pub fn watches_took(&mut self, nanoseconds: f64) {
-        self.situation.cost = nanoseconds;
+    pub fn watches_took(&mut self, nanoseconds: u32) {
+        self.situation.cost.nanoseconds = nanoseconds;
     }
 
     /// The oldest report that was not taken yet.

@@ -2,7 +2,18 @@
 
 use super::*;
 
+/// Times its jerk limit from which on a plan was made without one.
+const WITHOUT_JERK_LIMIT: f64 = 1.5;
+
 impl Controller {
+    /// True for a set-point to which an axis's acceleration changes faster than its limit of jerk by far.
+    pub(super) fn jerks(&self, set_point: &SetPoint) -> bool {
+        (0..3).any(|k| {
+            let change = (set_point.acceleration[k] - self.tail.acceleration[k]).abs();
+            change > WITHOUT_JERK_LIMIT * self.parameters.axes[k].j_max.0 * TICK.0
+        })
+    }
+
     /// Why a command must not be executed after the one before it.
     pub(super) fn objection(&self, command: &Command) -> Option<StopCause> {
         match command {

@@ -18,12 +18,17 @@ impl Controller {
         if self.astray {
             return self.brake_astray();
         }
-        let before = self.rate;
-        self.choose_rate();
+        let before = self.choose_rate();
         // From a rest the drives get the feed-forward of the first set-point in the cycle before it, as of every other.
         let at_rest = core::mem::take(&mut self.standing) && self.fraction == 0.0 && is_rest(&self.here);
         let begins = at_rest && self.next_set_point().is_some();
-        self.fraction += self.rate * (cycles - u64::from(begins)) as f64;
+        // The rate changes evenly over the first of the cycles.
+        let whole = (cycles - u64::from(begins)) as f64;
+        self.fraction += if begins {
+            self.rate * whole
+        } else {
+            (before + self.rate) / 2.0 + self.rate * (whole - 1.0)
+        };
         self.consume();
         if self.fraction > 0.0 && !self.resting(&self.here) && self.next_set_point().is_none() {
             self.end_of_path(self.barrier.map_or(StopCause::OffPath, |(_, cause)| cause));
@@ -46,6 +51,7 @@ impl Controller {
 
     pub(super) fn stand(&mut self) -> [f64; 3] {
         self.standing = true;
+        self.rate_change = 0.0;
         self.commanded_velocity = [0.0; 3];
         self.path_speed = 0.0;
         [0.0; 3]
@@ -54,7 +60,7 @@ impl Controller {
     /// Time along the path has come to a standstill.
     pub(super) fn came_to_rest(&mut self) {
         let between = self.fraction > 0.0 || !self.resting(&self.here);
-        if self.state == State::Running {
+        if self.state == State::Running && self.wanted_rate() > 0.0 {
             self.happen(if between {
                 Event::Stop(StopCause::Starved)
             } else {
@@ -62,73 +68,6 @@ impl Controller {
             });
         }
         self.happen(Event::AtRest);
-    }
-
-    /// Slows time down or brings it back, as fast as the axes can.
-    pub(super) fn choose_rate(&mut self) {
-        let planned = self.planned();
-        let speed = length(planned.velocity);
-        let short = self.is_short(speed);
-        if short && let Some((_, cause)) = self.barrier {
-            self.happen(Event::Stop(cause));
-        }
-        let starved = short && self.state == State::Running;
-        let slowed = starved && speed > 0.0;
-        self.counters.starved_ticks += u64::from(slowed);
-        self.counters.starvations += u64::from(slowed && !self.starving);
-        self.starving = slowed;
-        let down = starved || self.state != State::Running;
-        let (fall, rise) = self.rate_steps(&planned, speed);
-        if down {
-            // What an axis can do within one cycle needs no ramp.
-            let abrupt = (0..3).all(|k| (planned.velocity[k] * self.rate).abs() <= self.parameters.axes[k].a_max.0 * TICK.0);
-            self.rate = if abrupt { 0.0 } else { (self.rate - fall).max(0.0) };
-        } else {
-            self.rate = (self.rate + rise).min(1.0);
-        }
-    }
-
-    /// How much `rate` may fall and rise in a cycle such that no axis exceeds its acceleration: |rate^2 q'' + rate' q'| <= a.
-    pub(super) fn rate_steps(&self, planned: &Planned, speed: f64) -> (f64, f64) {
-        let (mut lowest, mut highest) = (f64::NEG_INFINITY, f64::INFINITY);
-        for k in 0..3 {
-            let (v, a) = (planned.velocity[k], self.parameters.axes[k].a_max.0);
-            if v.abs() > 1e-9 {
-                let already = self.rate * self.rate * planned.acceleration[k];
-                let (one, other) = ((-a - already) / v, (a - already) / v);
-                lowest = lowest.max(one.min(other));
-                highest = highest.min(one.max(other));
-            }
-        }
-        let unit = self.weakest_acceleration / speed;
-        (
-            (-lowest).max(LEAST_BRAKING * unit) * TICK.0,
-            highest.max(0.02 * unit) * TICK.0,
-        )
-    }
-
-    /// True when so few set-points are left that the machine has to slow down now to stop on them.
-    pub(super) fn is_short(&self, speed: f64) -> bool {
-        let ahead = self.barrier.map_or(self.queue.len(), |(index, _)| index);
-        // Stopping from rate r at constant deceleration passes over r^2 v / (2 a) of planned time; twice that for bends.
-        let needed = self.rate * self.rate * speed / (self.weakest_acceleration * TICK.0) + LEAST_AHEAD;
-        if ahead as f64 >= needed || (ahead == 0 && self.barrier.is_none() && self.resting(&self.here)) {
-            return false;
-        }
-        // Few, but the path comes to rest by itself: not at a slow set-point from which it speeds up.
-        let speed_at = |index: Option<usize>| match index.map(|i| self.queue.get(i)) {
-            None => length(self.here.velocity),
-            Some(Some(Command::SetPoint(s))) => length(s.velocity),
-            Some(_) => 0.0,
-        };
-        let rests = |index: usize| match self.queue.get(index) {
-            Some(Command::SetPoint(s)) => self.resting(s) && speed_at(index.checked_sub(1)) >= length(s.velocity),
-            Some(command) => needs_rest(command),
-            None => false,
-        };
-        let at_rest_already = self.resting(&self.here) && self.next_set_point().is_none();
-        let comes_to_rest = (0..ahead).rev().any(rests) || at_rest_already;
-        !comes_to_rest
     }
 
     /// Takes from the queue what is due.

@@ -15,11 +15,12 @@ impl Controller {
             State::Ready => {
                 self.spindle = SpindleCommand::Stop;
                 self.coolant = CoolantOutlets::default();
+                self.is_jerky = false;
                 if event != Event::ProgramEnd {
                     self.forget_program();
                 }
             }
-            State::Running if matches!(before, State::Ready) => self.rate = 1.0,
+            State::Running if matches!(before, State::Ready) => (self.rate, self.rate_change) = (1.0, 0.0),
             _ => {}
         }
     }
@@ -47,7 +48,7 @@ impl Controller {
         self.commanded_velocity = [0.0; 3];
         self.path_speed = 0.0;
         self.fraction = 0.0;
-        self.rate = 1.0;
+        (self.rate, self.rate_change) = (1.0, 0.0);
         self.astray = false;
     }
 
@@ -125,7 +126,7 @@ impl Controller {
             spindle: if stopped || changing_tool {
                 SpindleCommand::Stop
             } else {
-                self.spindle
+                self.spindle_order()
             },
             coolant: if stopped { CoolantOutlets::default() } else { self.coolant },
             path_speed: self.path_speed,

@@ -119,12 +119,33 @@ impl Controller {
     }
 
     pub(super) fn spindle_is_there(&self, speed: f64) -> bool {
-        let (target, tolerance) = match self.spindle {
+        let (target, tolerance) = match self.spindle_order() {
             SpindleCommand::Stop => (0.0, 0.0),
             SpindleCommand::Clockwise(n) => (n.0, self.parameters.spindle.tolerance * n.0),
             SpindleCommand::Counterclockwise(n) => (-n.0, self.parameters.spindle.tolerance * n.0),
         };
         (speed - target).abs() <= tolerance.max(SPINDLE_AT_SPEED)
+    }
+
+    /// What the spindle is to do: what is programmed, by its override.
+    pub(super) fn spindle_order(&self) -> SpindleCommand {
+        let share = if self.is_threading() {
+            1.0
+        } else {
+            self.overrides.spindle_fraction()
+        };
+        let scaled = |n: Rpm| Rpm((n.0 * share).min(self.parameters.spindle.highest.0));
+        match self.spindle {
+            SpindleCommand::Stop => SpindleCommand::Stop,
+            SpindleCommand::Clockwise(n) => SpindleCommand::Clockwise(scaled(n)),
+            SpindleCommand::Counterclockwise(n) => SpindleCommand::Counterclockwise(scaled(n)),
+        }
+    }
+
+    /// True on a thread, and at rest before one: the spindle override does not act.
+    pub(super) fn is_threading(&self) -> bool {
+        let next_is_locked = self.next_set_point().is_some_and(SetPoint::is_locked);
+        next_is_locked || (self.here.is_locked() && !is_rest(&self.here))
     }
 
     /// A spindle command within what the spindle can do; a faster one is counted.

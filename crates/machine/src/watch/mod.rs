@@ -10,7 +10,7 @@ pub mod condition;
 pub mod signal;
 
 pub use condition::{BadCondition, Operation, Relation};
-pub use signal::{Mode, NO_SENSOR, Readings, SIGNALS, Signal, Situation, signal};
+pub use signal::{Mode, NO_SENSOR, Readings, SIGNALS, Signal, Situation, WatchCost, signal};
 
 use crate::Ring;
 use condition::{Packed, evaluate};

@@ -49,10 +49,17 @@ pub struct Situation {
     pub mode: Mode,
     /// Feed override, %.
     pub feed_override: f64,
-    /// Operations that conditions took in the last cycle.
+    /// What conditions took in the last cycle.
+    pub cost: WatchCost,
+}
+
+/// What the conditions of one cycle cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WatchCost {
+    /// Operations that were evaluated.
     pub operations: u32,
-    /// Time that they took, ns; not-a-number where nobody measures it.
-    pub cost: f64,
+    /// Time that they took, ns; 0 where nobody measures it.
+    pub nanoseconds: u32,
 }
 
 impl Default for Situation {
@@ -61,8 +68,7 @@ impl Default for Situation {
         Situation {
             mode: Mode::Automatic,
             feed_override: 100.0,
-            operations: 0,
-            cost: f64::NAN,
+            cost: WatchCost::default(),
         }
     }
 }
@@ -185,8 +191,15 @@ pub const SIGNALS: &[Signal] = &[
         length(core::array::from_fn(|k| c.now.actual[k] - c.now.commanded[k]))
     }),
     // What the conditions themselves cost, as a value that can be recorded and watched like any other.
-    measured("CONTROLLER.WATCH_OPERATIONS", "COUNT", |c| f64::from(c.situation.operations)),
-    measured("CONTROLLER.WATCH_TIME", "NANOSECOND", |c| c.situation.cost),
+    measured("CONTROLLER.WATCH_OPERATIONS", "COUNT", |c| {
+        f64::from(c.situation.cost.operations)
+    }),
+    measured("CONTROLLER.WATCH_TIME", "NANOSECOND", |c| {
+        match c.situation.cost.nanoseconds {
+            0 => f64::NAN,
+            measured => f64::from(measured),
+        }
+    }),
 ];
 
 const _: () = assert!(SIGNALS.len() < NO_SENSOR as usize);
