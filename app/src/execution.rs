@@ -49,6 +49,8 @@ pub struct Order<'a> {
     pub fast: bool,
     /// Who runs it.
     pub who: &'a str,
+    /// What was found at cycle start, for the report.
+    pub found: Option<String>,
 }
 
 /// A run that is over.
@@ -313,6 +315,7 @@ fn rebuild(order: &Order<'_>, record: &Recording, outcome: &Outcome) -> Result<R
         ..asrun::Options::default()
     };
     let mut rebuild = asrun::rebuild(Some(&plan), record, &options);
+    rebuild.report.findings.splice(0..0, order.found.clone());
     if outcome.ended != Ended::Completed {
         let text = outcome.ended.text();
         rebuild
@@ -437,6 +440,7 @@ mod tests {
                 tolerance: None,
                 fast: true,
                 who: "Maria",
+                found: None,
             };
             let feature = Feature::TurnedDiameter {
                 z_from: Millimetres(-5.0),

@@ -41,6 +41,19 @@ pub struct MachineFile {
     pub work_offsets: BTreeMap<String, [f64; 3]>,
     /// How long its records are kept.
     pub retention: Retention,
+    /// What happens at cycle start with a program that was edited outside.
+    pub edited_outside: EditedOutside,
+}
+
+/// What happens at cycle start with a program that is another one than was known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EditedOutside {
+    /// It is said and recorded, and the program runs.
+    #[default]
+    Warn,
+    /// It is said and recorded, and nothing moves.
+    Refuse,
 }
 
 /// What kind of machine.
@@ -204,7 +217,7 @@ impl MachineFile {
 }
 
 /// Line and column, from 1, in characters.
-fn place(text: &str, at: usize) -> (u32, u32) {
+pub(crate) fn place(text: &str, at: usize) -> (u32, u32) {
     let before = text.get(..at).unwrap_or(text);
     let line = before.matches('\n').count() + 1;
     let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
@@ -231,6 +244,15 @@ struct Text {
     tools: Vec<ToolText>,
     #[serde(default)]
     store: StoreText,
+    #[serde(default)]
+    programs: ProgramsText,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ProgramsText {
+    #[serde(default)]
+    edited_outside: EditedOutside,
 }
 
 #[derive(Default, Deserialize)]
@@ -417,6 +439,7 @@ impl Text {
             tool_change: Seconds(self.tool_change_s.0),
             tools,
             work_offsets,
+            edited_outside: self.programs.edited_outside,
             retention: Retention {
                 raw_days: self.store.raw_days.map_or(Retention::default().raw_days, |days| days.0),
                 quota_bytes: self.store.quota_bytes.map(|bytes| bytes.0),
@@ -526,6 +549,10 @@ mod tests {
         check_refused(
             ("# quota_bytes = 500_000_000_000", "quota_bytes = 1.5"),
             "99:15: invalid type",
+        );
+        check_refused(
+            ("edited_outside = \"warn\"", "edited_outside = \"maybe\""),
+            "103:18: unknown variant `maybe`, expected `warn` or `refuse`",
         );
         check_refused(("number = 2", "number = 1"), "55:10: tool 1 is there already");
         check_refused(("name = \"sim-mill\"", "name = \"a/b\""), "2:8: the name \"a/b\"");

@@ -5,9 +5,10 @@ use crate::cli::{Common, ProgramArgs};
 use crate::failure::Exit;
 use crate::program::{Program, machine_for, named_machine};
 use crate::survey::{Check, State, checks, survey};
-use crate::{say, shop};
+use crate::{cycle_start, say, shop};
 use serde_json::json;
 use store::MachineFile;
+use store::machine_file::EditedOutside;
 use units::{Axis, Millimetres};
 
 /// Runs the command.
@@ -34,7 +35,18 @@ pub fn check(args: &ProgramArgs, common: &Common) -> Done {
         violations.retain(|violation| !known.contains(&violation.code));
         found.remarks.extend(violations);
     }
-    let all = checks(&found, travels(&machine), &tables);
+    let mut all = checks(&found, travels(&machine), &tables);
+    if let Some(directory) = shop::directory_to_look(common)?
+        && let Some(known) = directory.known_program(&program.path).map_err(shop::failure)?
+        && let Some(text) = cycle_start::difference(&program.path, program.hash, &known)
+    {
+        let refused = machine.edited_outside == EditedOutside::Refuse;
+        all.push(Check {
+            state: if refused { State::Fail } else { State::Warning },
+            name: "program",
+            text,
+        });
+    }
     let worst = worst(&all);
     let (dialect, because) = program.dialect();
     if common.json {

@@ -8,12 +8,17 @@ pub mod demo;
 pub mod edit;
 pub mod hold;
 pub mod inspect;
+pub mod machine;
 pub mod macro_run;
+pub mod offset;
+pub mod operator;
 pub mod plan;
 pub mod rebuild;
 pub mod record;
+pub mod registers;
 pub mod run;
 pub mod size;
+pub mod tool;
 pub mod trace;
 
 use crate::failure::{Exit, Failure};

@@ -3,13 +3,16 @@
 use super::check::{print, travels, worst};
 use super::{Done, print_json, tolerance};
 use crate::cli::{Common, RunArgs};
+use crate::cycle_start::{self, Checked};
 use crate::execution::{Order, run as execute};
 use crate::failure::{Exit, Failure};
+use crate::people::Acting;
 use crate::program::{Program, machine_for, named_machine};
 use crate::survey::{State, checks, minutes, survey};
 use crate::{clock, report, say, shop};
 use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
+use ledger::Action;
 use serde_json::json;
 use units::Seconds;
 
@@ -30,7 +33,9 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let machine = machine_for(&common.machine, program.turns())?;
     let mut directory = shop::data_directory(common)?;
     shop::retain(&mut directory, &machine, start)?;
-    let who = shop::operator(common);
+    let acting = Acting::of(&directory, common)?;
+    acting.must(Action::Run, &mut directory, start)?;
+    let who = acting.name.clone();
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
     let tables = directory.tables(&machine).map_err(shop::failure)?;
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
@@ -59,6 +64,16 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             found.workingsteps
         )));
     }
+    let checked = Checked {
+        path: &program.path,
+        hash: program.hash,
+        what: "run",
+        asked: args.edited_outside.map(Into::into),
+    };
+    let edited = cycle_start::check(&checked, &machine, &acting, &mut directory, common, start)?;
+    if let Some(sentence) = &edited {
+        shop::notice(sentence);
+    }
     let faults = shifted.map(planted).into_iter().collect();
     let order = Order {
         program: &program,
@@ -72,6 +87,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         tolerance,
         fast: args.fast,
         who: &who,
+        found: edited.clone(),
     };
     let done = execute(&order, &mut directory, None)?;
     let good = done.outcome.ended == Ended::Completed
@@ -88,6 +104,8 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             "checks": all,
             "report": done.rebuild.report,
             "printed": done.printed.lines,
+            "by": acting.json(),
+            "edited_outside": edited,
         }))?;
     } else {
         say(&format!(
