@@ -3,6 +3,7 @@
 //! The rebuild reads the record file, not the samples in memory: what the report says is what the file says.
 
 use crate::failure::Failure;
+use crate::functions::{self, Values};
 use crate::printed::{self, Printed};
 use crate::program::Program;
 use crate::progress::Progress;
@@ -23,6 +24,7 @@ use stepnc::twin::TwinOptions;
 use store::record::{Finished, Header, SampleRows};
 use store::segment::{Gap, Notice, Offered, Pace, Recorder, Settings, Watch};
 use store::{DataDirectory, Ending, Job, MachineFile, NewJob};
+use trace::record::{Recorder as Functions, Row, Stream};
 use units::{Millimetres, Seconds, StepId, Timestamp};
 
 /// What is to be run.
@@ -49,6 +51,8 @@ pub struct Order<'a> {
     pub fast: bool,
     /// Who runs it.
     pub who: &'a str,
+    /// Their level, 1 is the strongest.
+    pub level: Option<u8>,
     /// What was found at cycle start, for the report.
     pub found: Option<String>,
 }
@@ -63,7 +67,7 @@ pub struct Run {
     pub gaps: Vec<Gap>,
     /// Plan against run.
     pub rebuild: Rebuild,
-    /// What the program printed.
+    /// What the program printed, and what its functions recorded.
     pub printed: Printed,
     /// Where its files are.
     pub folder: PathBuf,
@@ -127,6 +131,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
             .thinned
             .map(|(interval, jitter)| Thinned::new(order.start, interval, jitter, order.seed)),
         part,
+        values: Values::new(&directory.recording_folder(job.id), &folder, order.start, pace),
     };
     let mut told = 0;
     let outcome = execute(order, &mut rows, &mut |now, events| {
@@ -147,8 +152,11 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         recording,
         events,
         thinned,
+        values,
         ..
     } = rows;
+    // Before the recording's folder goes: its own rows are kept and discarded in one step.
+    let values = values.end()?;
     let end = order.start.at(outcome.ticks);
     let ended = recording.end();
     tell_notices(directory, &watch, end)?;
@@ -165,7 +173,8 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
     if let Some(thinned) = thinned {
         as_an_agent_saw_it(&mut record_read, &thinned);
     }
-    let rebuild = rebuild(order, &record_read, &outcome)?;
+    let mut rebuild = rebuild(order, &record_read, &outcome)?;
+    functions::results(&events, &mut rebuild.executed);
     let printed = Printed::of(&events);
     write_down(order, &folder, &outcome, (&record, &gaps), (&rebuild, &printed))?;
     let mut written = ["as-executed.stpnc", "report.json", "report.html"]
@@ -176,6 +185,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         files::write(&path, &printed.bytes)?;
         written.push(path);
     }
+    written.extend(values.map(|(path, _)| path));
     directory.keep_files(job.id, &written, end).map_err(shop::failure)?;
 
     let ending = if outcome.ended == Ended::Completed {
@@ -226,10 +236,14 @@ fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Re
         },
         chain: Chain::default(),
     };
+    let found = functions::look(order.program, &order.tables)?;
+    let recorder = Functions::new(&config.machine, order.start, functions::known(order), &found);
+    let diameters = functions::diameters(&order.tables);
     let stream = cell::faults::planted(order.program.stream(&order.tables)?, &config.faults);
     let trajectory = Trajectory::new(stream, config.position, shop::limits(order.machine));
-    let mut world =
+    let world =
         World::new(config, trajectory).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
+    let mut world = world.with_functions(&found, recorder, &diameters);
     let mut progress = Progress::new("running");
     let mut kept = 0;
     let began = Instant::now();
@@ -274,6 +288,7 @@ struct RunRows<'p> {
     events: Vec<Event>,
     thinned: Option<Thinned>,
     part: Option<&'p mut Part>,
+    values: Values,
 }
 
 impl RecordSink for RunRows<'_> {
@@ -294,6 +309,9 @@ impl RecordSink for RunRows<'_> {
         if let Some(part) = &mut self.part {
             part.event(event);
         }
+    }
+    fn recorded(&mut self, row: &Row, stream: &Stream) {
+        self.values.take(row, stream);
     }
     fn truth(&mut self, sample: &Sample, position: [f64; 3]) {
         if let Some(part) = &mut self.part {
@@ -440,6 +458,7 @@ mod tests {
                 tolerance: None,
                 fast: true,
                 who: "Maria",
+                level: Some(1),
                 found: None,
             };
             let feature = Feature::TurnedDiameter {

@@ -9,6 +9,7 @@ mod cycle_start;
 mod execution;
 mod failure;
 mod files;
+mod functions;
 mod net;
 mod people;
 mod planned_time;

@@ -349,6 +349,7 @@ impl Story<'_> {
             tolerance: None,
             fast: true,
             who: &who,
+            level: Some(ledger::Level::HIGHEST.number()),
             found: None,
         };
         execution::run(&order, self.directory, part)

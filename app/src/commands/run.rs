@@ -9,7 +9,7 @@ use crate::failure::{Exit, Failure};
 use crate::people::Acting;
 use crate::program::{Program, machine_for, named_machine};
 use crate::survey::{State, checks, minutes, survey};
-use crate::{clock, report, say, shop};
+use crate::{clock, functions, report, say, shop};
 use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
 use ledger::Action;
@@ -41,7 +41,12 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
 
     let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
-    let all = checks(&found, travels(&machine), &tables);
+    let mut all = checks(&found, travels(&machine), &tables);
+    functions::checks(
+        &functions::look(&program, &tables)?,
+        acting.level.map(ledger::Level::number),
+        &mut all,
+    );
     if !common.json {
         all.iter().filter(|c| c.state != State::Ok).for_each(print);
     }
@@ -87,6 +92,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         tolerance,
         fast: args.fast,
         who: &who,
+        level: acting.level.map(ledger::Level::number),
         found: edited.clone(),
     };
     let done = execute(&order, &mut directory, None)?;
@@ -104,6 +110,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             "checks": all,
             "report": done.rebuild.report,
             "printed": done.printed.lines,
+            "functions": done.printed.functions,
             "by": acting.json(),
             "edited_outside": edited,
         }))?;
@@ -123,6 +130,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         for line in &done.printed.lines {
             say(&format!("  printed: {line}"));
         }
+        functions::print(&done.printed.functions);
         let folder = done.folder.display();
         say(&format!(
             "files: {folder}/as-executed.stpnc, report.html, report.json, record.parquet"

@@ -323,6 +323,9 @@ impl Survey {
     }
 }
 
+/// Who starts an action that outlives the program has to be of this level or stronger.
+pub const ALL_MODES_LEVEL: u8 = 6;
+
 /// The kind of a function along a path.
 pub const ALONG: &str = "other functions";
 
