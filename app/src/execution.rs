@@ -241,8 +241,7 @@ fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Re
     let diameters = functions::diameters(&order.tables);
     let stream = cell::faults::planted(order.program.stream(&order.tables)?, &config.faults);
     let trajectory = Trajectory::new(stream, config.position, shop::limits(order.machine));
-    let world =
-        World::new(config, trajectory).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
+    let world = World::new(config, trajectory).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
     let mut world = world.with_functions(&found, recorder, &diameters);
     let mut progress = Progress::new("running");
     let mut kept = 0;

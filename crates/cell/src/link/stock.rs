@@ -41,6 +41,8 @@ impl InForce {
             Command::Tool { tool, step } => (self.tool, self.step) = (tool, step),
             Command::Workingstep { workingstep, step } => (self.workingstep, self.step) = (workingstep, step),
             Command::Dwell { step, .. } | Command::Pause { step } => self.step = step,
+            // What a condition waits for is not brought about again: it runs on where it is.
+            Command::Watch { .. } => {}
             Command::End { step } => {
                 (self.spindle, self.coolant, self.step) = (SpindleCommand::Stop, CoolantOutlets::default(), step);
             }
@@ -192,7 +194,11 @@ impl Stock {
 /// True for commands that the machine executes at rest.
 pub fn needs_rest(command: &Command) -> bool {
     match command {
-        Command::SetPoint(_) | Command::SpindleSpeed(_) | Command::Coolant { .. } | Command::Workingstep { .. } => false,
+        Command::SetPoint(_)
+        | Command::SpindleSpeed(_)
+        | Command::Coolant { .. }
+        | Command::Workingstep { .. }
+        | Command::Watch { .. } => false,
         Command::Spindle { .. } | Command::Tool { .. } | Command::Dwell { .. } | Command::Pause { .. } | Command::End { .. } => {
             true
         }
