@@ -91,6 +91,9 @@ pub enum Command {
     Macro(MacroCommand),
     /// Plan a program's motion and write the set-points, 1 ms apart.
     Plan(PlanArgs),
+    /// Write a program for a control: motion, tools, technology, branches and the traceability functions, each function with a grade.
+    #[command(after_help = POST_HELP)]
+    Post(PostArgs),
     /// Record what an MTConnect agent tells: its buffer first, then live, through cuts and restarts of the agent. Ctrl-C ends it. What
     /// could not be had is a gap with its sequence numbers.
     #[command(after_help = RECORD_HELP)]
@@ -392,6 +395,39 @@ impl From<PolicyName> for store::machine_file::EditedOutside {
             PolicyName::Refuse => Self::Refuse,
         }
     }
+}
+
+const POST_HELP: &str = "\
+Controls: siemens-840d, fanuc, heidenhain, haas, linuxcnc. Grades of functions: native (the control does it by itself), block-boundary
+(by statements between blocks), external (a recorder beside the control), refused (with the reason). What no manual was at hand for is
+marked: verify at commissioning. Exit 1 when a function is refused; the program is written all the same and says so in its head.
+Conditions of STEP-NC are kept. What a macro of G-code would decide at the machine is refused, or taken as it comes without a machine
+with --as-interpreted.
+  toolmark post plate.stpnc --control siemens-840d --out plate.mpf";
+
+/// `toolmark post`
+#[derive(Debug, Args)]
+pub struct PostArgs {
+    /// STEP-NC, G-code or a cutter-location file.
+    pub program: PathBuf,
+    /// The control it is written for.
+    #[arg(long, value_name = "NAME")]
+    pub control: String,
+    /// Where to [default: stdout; the table goes to stderr then].
+    #[arg(long, value_name = "F")]
+    pub out: Option<PathBuf>,
+    /// Number of the program, where programs have numbers [default: the one in its name, else 1000].
+    #[arg(long, value_name = "N")]
+    pub number: Option<u32>,
+    /// Splines, and arcs that the control has no words for, become chords within so many mm.
+    #[arg(long, value_name = "MM", default_value_t = 0.005)]
+    pub chord: f64,
+    /// Conditions that a control can only check between blocks are checked every so many moves.
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..))]
+    pub check_every: u32,
+    /// Take branches of macros, values of the machine and radius 0 in cutter compensation as they come without a machine.
+    #[arg(long)]
+    pub as_interpreted: bool,
 }
 
 /// `toolmark run`

@@ -67,6 +67,7 @@ fn run(cli: &Cli) -> u8 {
         Command::Inspect(args) => commands::inspect::inspect(args, common),
         Command::Macro(cli::MacroCommand::Run(args)) => commands::macro_run::macro_run(args, common),
         Command::Plan(args) => commands::plan::plan(args, common),
+        Command::Post(args) => commands::post::post(args, common),
         Command::Record(args) => commands::record::record(args, common),
         Command::Rebuild(args) => commands::rebuild::rebuild(args, common),
         Command::Compare(args) => commands::compare::compare(args, common),

@@ -8,7 +8,7 @@ use crate::cli::Common;
 use crate::failure::{Exit, Failure};
 use crate::{clock, shop};
 use ledger::operator::{BY_THE_SYSTEM, LOCAL};
-use ledger::{Action, Level, NotAllowed};
+use ledger::{Action, Level, NotAllowed, Operator};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use store::DataDirectory;
@@ -23,6 +23,8 @@ pub struct Acting {
     pub level: Option<Level>,
     /// True where there are no operators yet.
     pub is_local: bool,
+    /// The operator, where one is signed in.
+    pub person: Option<Operator>,
     /// Named by `--operator`; nobody has proven it.
     named: bool,
     /// The user that the system signed in.
@@ -49,6 +51,7 @@ impl Acting {
             name: named.map_or_else(|| local_name(&system_user), str::to_owned),
             level: Some(Level::HIGHEST),
             is_local: true,
+            person: None,
             named: named.is_some(),
             system_user,
             lapsed: None,
@@ -63,6 +66,7 @@ impl Acting {
         let found = operators.iter().find(|kept| kept.operator.name == wanted);
         let person = found.map(|kept| &kept.operator).filter(|person| person.level.is_some());
         acting.level = person.and_then(|person| person.level_at(now));
+        acting.person = person.cloned();
         acting.lapsed = person.filter(|p| p.has_lapsed(now)).and_then(|p| p.qualified_until);
         acting.known = (operators.iter().filter(|k| k.operator.level.is_some()))
             .map(|kept| kept.operator.name.clone())
@@ -155,6 +159,9 @@ impl Acting {
             "name": self.name,
             "level": self.level.map(Level::number),
             "local": self.is_local,
+            "organization": self.person.as_ref().map(|person| &person.organization),
+            "role": self.person.as_ref().map(|person| &person.role),
+            "shift": self.person.as_ref().map(|person| &person.shift),
             "authenticated_by": self.authenticated_by(),
         })
     }

@@ -143,6 +143,14 @@ impl Program {
     /// # Errors
     /// It cannot be read.
     pub fn gcode(&self, tables: &Tables) -> Result<GcodeProgram, Failure> {
+        self.gcode_with(tables, self.variables.clone())
+    }
+
+    /// The same with other values in the variables that the control has kept.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn gcode_with(&self, tables: &Tables, variables: BTreeMap<u32, f64>) -> Result<GcodeProgram, Failure> {
         let Kind::Gcode { profile, .. } = &self.kind else {
             return Err(Failure::usage(format_args!("{} is not G-code", self.path.display())));
         };
@@ -156,7 +164,7 @@ impl Program {
             resolver,
             tables.clone(),
             gcode::Options {
-                variables: self.variables.clone(),
+                variables,
                 parameters: self.parameters.clone(),
                 ..gcode::Options::default()
             },

@@ -136,7 +136,7 @@ fn the_first_operator_has_level_one_and_only_levels_one_and_two_give_levels() {
         &["operator", "remove", "Maria", "--operator", "Maria"],
         "the last operator of level 1",
     );
-    assert_eq!(shop.events("refused").len(), 3);
+    assert_eq!(shop.events("refused").len(), 5);
     shop.verifies();
 }
 

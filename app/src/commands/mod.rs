@@ -13,6 +13,7 @@ pub mod macro_run;
 pub mod offset;
 pub mod operator;
 pub mod plan;
+pub mod post;
 pub mod rebuild;
 pub mod record;
 pub mod registers;

@@ -10,7 +10,7 @@ use ledger::operator::checked_name;
 use ledger::{Action, Level, Operator};
 use serde_json::{Value, json};
 use store::operators::operator_of;
-use store::{Assignment, DataDirectory, KeptOperator};
+use store::{Assignment, DataDirectory, KeptOperator, StoreError};
 use units::Timestamp;
 
 /// `toolmark operator ...`
@@ -241,7 +241,20 @@ impl Desk {
             at: self.at,
             undoes,
         });
-        let event = event.map_err(shop::failure)?;
+        let event = match event {
+            Ok(event) => event,
+            Err(error) => {
+                // The rule that a person met stands in the log, as every refusal of a right; a slip of usage does not.
+                if matches!(error, StoreError::Assign(_)) && error.exit_code() == 1 {
+                    let mut detail = self.acting.detail();
+                    detail.insert("action".to_owned(), Action::Assign.word().into());
+                    detail.insert("operator".to_owned(), after.name.as_str().into());
+                    detail.insert("because".to_owned(), error.to_string().into());
+                    self.directory.append(self.at, "refused", detail).map_err(shop::failure)?;
+                }
+                return Err(shop::failure(error));
+            }
+        };
         if common.json {
             print_json(&json!({
                 "operator": told(after, &self.acting.name, event.sequence, self.at),
@@ -364,14 +377,14 @@ fn list(common: &Common) -> Done {
     }
     for kept in &people {
         let person = &kept.operator;
-        let mut line = format!("{:<20} level {:<4}", person.name, words_of_level(person.level));
+        let mut facts = vec![format!("{:<20} level {:<4}", person.name, words_of_level(person.level))];
         if let Some(until) = person.qualified_until {
             let word = if person.has_lapsed(now) {
                 "LAPSED, counts as 10, since"
             } else {
                 "qualified until"
             };
-            line.push_str(&format!(" {word} {}", clock::utc(until)));
+            facts.push(format!("{word} {}", clock::utc(until)));
         }
         for (name, text) in [
             ("", &person.experience),
@@ -380,10 +393,11 @@ fn list(common: &Common) -> Done {
             ("shift ", &person.shift),
         ] {
             if !text.is_empty() {
-                line.push_str(&format!("; {name}{text}"));
+                facts.push(format!("{name}{text}"));
             }
         }
-        say(&format!("{line}; by {} (event {})", kept.assigned_by, kept.event));
+        facts.push(format!("by {} (event {})", kept.assigned_by, kept.event));
+        say(&facts.join("; "));
     }
     Ok(Exit::Good)
 }

@@ -9,7 +9,7 @@ use crate::sink::RecordSink;
 use crate::source::{CommandSource, Output};
 use ledger::Chain;
 use machine::watch::{Firing, LoadError, Situation};
-use machine::{Command, Counters, FaultCause, Report, Request, Sample, State, StopCause, Wait};
+use machine::{Command, Counters, FaultCause, Overrides, Report, Request, Sample, State, StopCause, Wait};
 use plan::{Alarm, Answer, Level, Place, Question, Step, StepKind};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
@@ -54,6 +54,8 @@ pub enum Ended {
     Fault(FaultCause),
     /// The machine waits for cycle start and nobody is there.
     Waiting,
+    /// The machine does not know where its axes are and nobody is there.
+    NotHomed,
 }
 
 impl Ended {
@@ -66,6 +68,7 @@ impl Ended {
             Ended::EmergencyStop => "emergency-stop",
             Ended::Fault(_) => "fault",
             Ended::Waiting => "waiting",
+            Ended::NotHomed => "not-homed",
         }
     }
 
@@ -78,6 +81,7 @@ impl Ended {
             Ended::EmergencyStop => "emergency stop".to_owned(),
             Ended::Fault(cause) => format!("fault: {}", cause.text()),
             Ended::Waiting => "the machine waits for cycle start and nobody is there".to_owned(),
+            Ended::NotHomed => "the machine is not homed and nobody is there: home it, then start again".to_owned(),
         }
     }
 }
@@ -108,6 +112,7 @@ pub struct OfficeHalf<'a, S> {
     alarm: Option<Box<Alarm>>,
     state: State,
     counters: Counters,
+    overrides: Overrides,
     lost_reports: u64,
     /// Cycles in the present waiting state.
     waited: u64,
@@ -195,6 +200,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             alarm: None,
             state: State::Off,
             counters: Counters::default(),
+            overrides: Overrides::default(),
             lost_reports: 0,
             waited: 0,
             stood: 0,
@@ -339,6 +345,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             (self.stood, self.stands_at) = (0, place);
         }
         self.tell_counts(report, sink);
+        self.tell_overrides(report, sink);
         self.tell_steps(report, sink);
         self.tell_state(report, sink);
         self.do_functions(report, sink);
@@ -509,6 +516,22 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         }
     }
 
+    /// Events of the overrides. Below what was planned for the machine runs slower by itself; for more the rest is planned anew.
+    fn tell_overrides(&mut self, report: &Report, sink: &mut dyn RecordSink) {
+        let (before, after) = (self.overrides, report.overrides);
+        if before == after {
+            return;
+        }
+        self.overrides = after;
+        let planned = |o: Overrides| o.feed_fraction().max(1.0);
+        if planned(before) != planned(after) {
+            self.source.set_override(planned(after), 1.0);
+        }
+        let Sample { tick, step, .. } = report.sample;
+        let data = json!({ "feed_percent": after.feed, "rapid_percent": after.rapid, "spindle_percent": after.spindle });
+        self.emit("override", step, tick, detail(data), sink);
+    }
+
     /// Events of the machine's states.
     fn tell_state(&mut self, report: &Report, sink: &mut dyn RecordSink) {
         let (before, after) = (self.state, report.state);
@@ -523,9 +546,12 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         let (kind, data) = match after {
             State::Holding | State::WaitingThenHold(_) => ("hold", Detail::new()),
             State::Held if before == State::Waiting(Wait::Commands) => ("hold", Detail::new()),
-            State::Running if matches!(before, State::Held | State::Paused | State::Holding | State::Stopped(_)) => {
+            State::Running | State::Resuming
+                if matches!(before, State::Held | State::Paused | State::Holding | State::Stopped(_)) =>
+            {
                 ("cycle-start", Detail::new())
             }
+            State::Homing { .. } if matches!(before, State::NotHomed | State::Ready) => ("homing", Detail::new()),
             State::Stopping(cause) => ("controlled-stop", events::of_stop(cause)),
             State::Stopped(cause) => {
                 // A stop at rest is begun and over in one cycle.
@@ -624,6 +650,12 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             State::Stopped(cause) if at_rest => ended = Some(Ended::Stopped(cause)),
             State::EmergencyStop | State::EmergencyStopReleased if at_rest => ended = Some(Ended::EmergencyStop),
             State::Fault(cause) if at_rest => ended = Some(Ended::Fault(cause)),
+            // Somebody who is there homes it; what was asked goes on then.
+            State::NotHomed if at_rest => match self.operator.cycle_start_after {
+                Some(cycles) if self.waited == cycles => request = Some(Request::Home),
+                Some(_) => {}
+                None => ended = Some(Ended::NotHomed),
+            },
             State::Paused | State::Held if at_rest => match self.operator.cycle_start_after {
                 Some(cycles) if self.waited >= cycles => request = Some(Request::CycleStart),
                 Some(_) => {}

@@ -4,6 +4,9 @@
 //! [`Outcome::digest`] is one hash over all of them. Everything that leaves a world is marked SIMULATED.
 
 pub mod measure;
+pub mod pad;
+
+pub use pad::ScriptedPad;
 
 use crate::events::detail;
 use crate::faults::Fault;
@@ -11,7 +14,7 @@ use crate::office::{Answers, Ended, OfficeHalf, Operator};
 use crate::sink::{RecordSink, RunDigest};
 use crate::source::CommandSource;
 use ledger::{Chain, Event, Hash};
-use machine::{Counters, MachineParameters, ParameterError, Plant, Quality, RealtimeHalf, Request, Sample};
+use machine::{Counters, MachineParameters, PadState, ParameterError, Plant, Quality, RealtimeHalf, Request, Sample};
 use serde_json::json;
 use trace::record::{Recorder, Row, Stream};
 use trace::survey::Found;
@@ -86,7 +89,7 @@ pub struct Outcome {
 pub struct World<'a, S> {
     config: WorldConfig,
     // On the heap: its queues are large for a stack.
-    realtime: Box<RealtimeHalf<Plant>>,
+    realtime: Box<RealtimeHalf<Plant, ScriptedPad>>,
     office: OfficeHalf<'a, S>,
     now: Tick,
     begun: bool,
@@ -103,7 +106,12 @@ impl<'a, S: CommandSource> World<'a, S> {
     pub fn new(config: WorldConfig, source: S) -> Result<Self, ParameterError> {
         config.machine.check()?;
         let plant = Plant::new(&config.machine, config.position, config.seed);
-        let mut realtime = Box::new(RealtimeHalf::new(&config.machine, plant, Quality::Simulated));
+        let mut realtime = Box::new(RealtimeHalf::with_pad(
+            &config.machine,
+            plant,
+            ScriptedPad::default(),
+            Quality::Simulated,
+        ));
         realtime.request(Request::PowerOn);
         Ok(World {
             office: OfficeHalf::new(source, config.operator, config.start, config.chain),
@@ -137,6 +145,12 @@ impl<'a, S: CommandSource> World<'a, S> {
     /// Answers the program's questions other than the optional stop.
     pub fn answered_by(mut self, answers: Answers<'a>) -> Self {
         self.office = self.office.answered_by(answers);
+        self
+    }
+
+    /// Puts a control pad at the machine, which shows what a script says: each state from its tick on, in order of ticks.
+    pub fn with_pad(mut self, script: impl IntoIterator<Item = (Tick, PadState)>) -> Self {
+        *self.realtime.pad_mut() = ScriptedPad::new(script);
         self
     }
 
@@ -206,6 +220,11 @@ impl<'a, S: CommandSource> World<'a, S> {
         self.realtime.request(request);
     }
 
+    /// The machine, to look at and to disturb.
+    pub fn realtime(&mut self) -> &mut RealtimeHalf<Plant, ScriptedPad> {
+        &mut self.realtime
+    }
+
     /// The next tick.
     pub fn now(&self) -> Tick {
         self.now
@@ -234,7 +253,7 @@ impl<'a, S: CommandSource> World<'a, S> {
 }
 
 /// Lets the faults of this tick happen; gives the number of servo cycles that are lost now.
-fn disturb(faults: &[Fault], now: Tick, realtime: &mut RealtimeHalf<Plant>) -> u64 {
+fn disturb(faults: &[Fault], now: Tick, realtime: &mut RealtimeHalf<Plant, ScriptedPad>) -> u64 {
     let mut lost = 0;
     for fault in faults {
         let since = |at: Tick| (now >= at).then(|| now - at);

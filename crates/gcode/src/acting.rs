@@ -44,6 +44,9 @@ pub(crate) fn act(
     site: Site<'_>,
     stack: &mut Stack,
 ) -> Outcome<Act> {
+    if line.skippable {
+        interpreter.decided.get_or_insert((site.number, "a block-skip switch (/)"));
+    }
     if let Some(statement) = &line.statement {
         if let Some(n) = line.sequence {
             interpreter.last_n = n;
@@ -110,7 +113,10 @@ impl Interpreter {
             }
             Statement::Do { condition, label, at } => {
                 let enters = match condition {
-                    Some(condition) => self.evaluated(line, *condition, stack)? != 0.0,
+                    Some(condition) => {
+                        self.decided.get_or_insert((site.number, "WHILE"));
+                        self.evaluated(line, *condition, stack)? != 0.0
+                    }
                     None => true,
                 };
                 Ok(Act::Do {
@@ -135,6 +141,7 @@ impl Interpreter {
                 next
             }
             Statement::If { condition, then } => {
+                self.decided.get_or_insert((site.number, "IF"));
                 if self.evaluated(line, *condition, stack)? == 0.0 {
                     return next;
                 }

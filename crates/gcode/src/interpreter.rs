@@ -82,6 +82,8 @@ pub(crate) struct Interpreter {
     pub file: String,
     pub out: VecDeque<Item>,
     pub origin: Origin,
+    /// The first line where the program's way was decided by a value or a switch, and by what.
+    pub decided: Option<(u32, &'static str)>,
 
     /// Where the tip is in the frame in force.
     pub tip: [f64; 3],
@@ -223,6 +225,7 @@ impl Interpreter {
                 file: FileId(0),
                 place: Place::Given,
             },
+            decided: None,
             tip: [0.0; 3],
             frame: WorkFrame::default(),
             offset: ToolOffset::NONE,

@@ -57,6 +57,8 @@ pub(crate) struct Line {
     pub comment: Option<(usize, usize)>,
     /// Text behind `;` was left out, from this byte on.
     pub semicolon: Option<usize>,
+    /// A switch decides whether it, or a part of it, is executed; it is off.
+    pub skippable: bool,
 }
 
 /// What the line reader has to know of the control.
@@ -76,6 +78,7 @@ impl Line {
             self.statement = None;
         }
         (self.sequence, self.program, self.comment, self.semicolon) = (None, None, None, None);
+        self.skippable = false;
         self.kind = Kind::Blank;
         let mut at = 0;
         while let Some(byte) = text.get(at).copied() {
@@ -110,6 +113,7 @@ impl Line {
                     if reading.block_skip >> (number - 1) & 1 == 1 {
                         break;
                     }
+                    self.skippable = true;
                     at = end;
                 }
                 b';' => {

@@ -272,6 +272,11 @@ impl GcodeProgram {
         trace
     }
 
+    /// The first line where the program's way was decided by a value or a switch, and by what: `IF`, `WHILE`, block skip.
+    pub fn decided(&self) -> Option<(u32, &'static str)> {
+        self.interpreter.decided
+    }
+
     /// True when the program's lengths are in inches now.
     pub fn in_inches(&self) -> bool {
         self.interpreter.inches

@@ -75,7 +75,15 @@ pub enum Command {
         /// The step that says so.
         step: StepId,
     },
-    /// Change the tool; takes the machine's tool-change time.
+    /// The tool that comes in next is this long, and from its change on set-points are places of its tip: the machine adds the length to Z,
+    /// against the home position, as the published text protocol has it. Without this set-points are places of the gauge point.
+    ToolLength {
+        /// Its length, mm.
+        length: f64,
+        /// The step that says so.
+        step: StepId,
+    },
+    /// Change the tool; takes the machine's tool-change time, and the way to where tools are changed.
     Tool {
         /// Which comes in.
         tool: ToolNumber,

@@ -13,6 +13,7 @@
 //! - **Supervision**: impossible encoder readings, following error at two levels, spindle time-out, drive faults, the emergency stop.
 
 mod admission;
+mod hand;
 mod path;
 mod rate;
 mod supervision;
@@ -21,11 +22,12 @@ mod withdraw;
 
 use crate::drive::{AxisOrder, DriveMode, DriveOrders, Feedback};
 use crate::overrides::Overrides;
+use crate::pad::{Mode, Notices, PadState};
 use crate::parameters::{AxisParameters, MachineParameters};
 use crate::ring::Ring;
 use crate::sample::{Quality, Sample};
 use crate::servo::{PositionLoop, within};
-use crate::state::{Event, FaultCause, State, StopCause, Wait, next_state};
+use crate::state::{Event, FaultCause, HomingStage, State, StopCause, Wait, next_state};
 use crate::watch::Ordered;
 use crate::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 use admission::{is_rest, needs_rest};
@@ -54,7 +56,7 @@ const STANDSTILL: f64 = 2.0;
 const SPINDLE_AT_SPEED: f64 = 5.0;
 
 /// What a person, or the office on a person's behalf, can ask of the controller at any time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Request {
     /// Power on.
     PowerOn,
@@ -70,6 +72,18 @@ pub enum Request {
     Reset,
     /// Feed, rapid and spindle override.
     Override(Overrides),
+    /// Find the references that are not known, and go home.
+    Home,
+    /// Programs, or the joystick on an axis; until the pad's selector is turned. Ignored while machining.
+    Mode(Mode),
+    /// Feed of the joystick, 0 to 255 of the axis's highest speed; until the pad's is changed.
+    JogFeed(u8),
+    /// The spindle in jog mode. Ignored while machining.
+    JogSpindle(SpindleCommand),
+    /// Machining begins: programs have the machine until the next [`Command::End`], whatever the selector says.
+    BeginMachining,
+    /// The spindle stands and the coolant is closed while the program is held; cycle start brings both back first.
+    StopSpindle,
 }
 
 /// Things that are counted and never only happen.
@@ -138,6 +152,26 @@ pub struct Controller {
     coolant: CoolantOutlets,
     /// What the program said to its watches in this cycle.
     watch_orders: Ring<Ordered, WATCH_ORDERS>,
+    /// Both are off as long as the program is held.
+    spindle_rests: bool,
+    /// What a resumed program still waits for the spindle, cycles.
+    restoring: u64,
+    /// Cycles for which a thread has waited for it.
+    thread_waits: u64,
+    /// Tool lengths that set-points are compensated by, of what is executed and of what is queued.
+    length: Lengths,
+    queued_length: Lengths,
+    /// What is moved by hand, and by what finds references.
+    hand: Hand,
+    /// The mode in force, and whether programs keep the selector from changing it.
+    mode_in_force: Mode,
+    machining: bool,
+    /// What an encoder reads is this far from where its axis is, mm; and whether that is known.
+    zero: [f64; 3],
+    is_known: [bool; 3],
+    notices: Notices,
+    /// The emergency stop has taken the power away.
+    powerless: bool,
     /// The command that is being waited for.
     in_work: Option<Work>,
     last_tick: Option<Tick>,
@@ -158,7 +192,7 @@ impl Controller {
             parameters: *parameters,
             loops: core::array::from_fn(|k| {
                 let a = &parameters.axes[k];
-                PositionLoop::new(&a.servo, &a.mechanics, a.pulses_per_mm)
+                PositionLoop::new(&a.servo, &a.mechanics, a.pulses_per_mm).by(parameters.position_law)
             }),
             state: State::Off,
             queue: Ring::new(),
@@ -181,6 +215,18 @@ impl Controller {
             spindle: SpindleCommand::Stop,
             coolant: CoolantOutlets::default(),
             watch_orders: Ring::new(),
+            spindle_rests: false,
+            restoring: 0,
+            thread_waits: 0,
+            length: Lengths::default(),
+            queued_length: Lengths::default(),
+            hand: Hand::default(),
+            mode_in_force: Mode::Auto,
+            machining: false,
+            zero: [0.0; 3],
+            is_known: [parameters.absolute_encoders; 3],
+            notices: Notices::default(),
+            powerless: false,
             in_work: None,
             last_tick: None,
             last_position: [0.0; 3],
@@ -207,23 +253,23 @@ impl Controller {
                 | State::Holding
                 | State::Held
                 | State::Paused
+                | State::Resuming
                 | State::Stopped(StopCause::Starved)
         );
-        if !takes_programs || self.synchronise {
+        if !takes_programs || self.synchronise || self.mode_in_force != Mode::Auto {
             return Err(command);
         }
         let index = self.queue.len();
-        self.queue.push(command)?;
+        let given = command;
+        let command = self.compensated(command);
+        self.queue.push(command).map_err(|_| given)?;
         self.counters.accepted += 1;
         if self.barrier.is_none()
             && let Some(cause) = self.objection(&command)
         {
             self.barrier = Some((index, cause));
         }
-        if let Command::SetPoint(set_point) = command {
-            self.is_jerky |= self.jerks(&set_point);
-            self.tail = set_point;
-        }
+        self.follow_queued(&command);
         Ok(())
     }
 
@@ -274,13 +320,41 @@ impl Controller {
             Request::Reset if self.last_velocity.iter().all(|v| v.abs() < STANDSTILL) => self.happen(Event::Reset),
             Request::Reset => {}
             Request::Override(overrides) => self.overrides = overrides.limited(),
+            Request::Home => self.begin_homing(),
+            Request::Mode(mode) => self.choose_mode(mode),
+            Request::JogFeed(feed) => self.hand.feed = feed,
+            Request::JogSpindle(spindle) if !self.is_machining() => self.spindle = self.limited(spindle),
+            Request::JogSpindle(_) => {}
+            Request::BeginMachining => {
+                self.choose_mode(Mode::Auto);
+                self.machining = true;
+            }
+            Request::StopSpindle => {
+                self.spindle_rests |= matches!(self.state, State::Held | State::Paused | State::Stopped(StopCause::Starved));
+            }
         }
+    }
+
+    /// The mode in force.
+    pub fn mode_in_force(&self) -> Mode {
+        self.mode_in_force
+    }
+
+    /// True when where every axis is is known.
+    pub fn is_homed(&self) -> bool {
+        self.is_known == [true; 3]
+    }
+
+    /// What a person is to be told since this was asked last.
+    pub fn take_notices(&mut self) -> Notices {
+        core::mem::take(&mut self.notices)
     }
 
     /// One servo cycle: `feedback` was measured at its beginning, the orders are for its duration.
     pub fn tick(&mut self, now: Tick, feedback: &Feedback) -> DriveOrders {
         let lost = self.last_tick.map_or(0, |last| (now - last).saturating_sub(1));
         self.last_tick = Some(now);
+        let feedback = &self.in_machine_frame(feedback);
         let position = self.supervise(feedback, lost);
         if lost > 0 {
             self.counters.late_ticks += lost;
@@ -292,14 +366,14 @@ impl Controller {
         let acceleration = if self.mode() == DriveMode::Follow && !self.synchronise {
             // Set-points are taken by time: the lost ones are passed over. Drives that were left alone for longer have stopped.
             let acceleration = self.advance(1 + lost.min(MOST_LOST), feedback);
-            self.check_following(position);
+            self.check_following(self.last_position);
             acceleration
         } else {
             self.synchronise = false;
             self.stand_at(position);
             [0.0; 3]
         };
-        self.orders(acceleration, position)
+        self.orders(acceleration, self.last_position)
     }
 
     /// The row of the record for the cycle that was just made.
@@ -312,7 +386,7 @@ impl Controller {
             phase: self.state.phase(),
             quality,
             commanded: self.commanded,
-            actual: feedback.position,
+            actual: core::array::from_fn(|k| feedback.position[k] + self.zero[k]),
             velocity: feedback.velocity,
             load: feedback.load,
             current: feedback.current,
@@ -321,6 +395,34 @@ impl Controller {
             spindle_load: feedback.spindle_load,
         }
     }
+}
+
+/// Tool lengths, mm: of the tool in the spindle, and of the one that comes next.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Lengths {
+    now: f64,
+    next: f64,
+}
+
+/// What moves axes without a program.
+#[derive(Clone, Copy, Debug, Default)]
+struct Hand {
+    /// What the pad showed last; `None` without one.
+    pad: Option<PadState>,
+    /// Jog feed, 0 to 255.
+    feed: u8,
+    /// The joystick was in its middle since the mode changed.
+    was_in_the_middle: bool,
+    /// Commanded acceleration, mm/s^2.
+    acceleration: [f64; 3],
+    /// The axes move by it.
+    moving: bool,
+    /// Cycles that the present stage of homing has taken.
+    cycles: u64,
+    /// Where the axes were when they left for a tool change, mm.
+    left_at: [f64; 3],
+    /// By how much the new tool is longer than the old one, mm.
+    lengthened: f64,
 }
 
 /// A command that takes time, in work.

@@ -20,6 +20,7 @@ pub mod pad;
 pub mod parameters;
 pub mod plant;
 pub mod realtime;
+pub mod registers;
 pub mod ring;
 pub mod sample;
 pub mod servo;
@@ -32,11 +33,13 @@ pub use drive::{AxisOrder, CyclicDrive, DriveMode, DriveOrders, Feedback};
 pub use overrides::Overrides;
 pub use pad::{ControlPad, Mode, NoPad, Notices, PadState};
 pub use parameters::{
-    AxisParameters, CuttingParameters, MachineParameters, Mechanics, ParameterError, ServoGains, SpindleParameters,
+    AxisParameters, CuttingParameters, HomingParameters, MachineParameters, Mechanics, ParameterError, PositionLaw, ServoGains,
+    SpindleParameters,
 };
 pub use plant::Plant;
 pub use realtime::{RealtimeHalf, Report};
+pub use registers::{RegisterCard, Registers};
 pub use ring::Ring;
 pub use sample::{CHANNELS, Channel, Phase, Quality, Sample};
-pub use state::{Event, FaultCause, State, StopCause, Wait};
+pub use state::{Event, FaultCause, HomingStage, State, StopCause, Wait};
 pub use watch::{WatchOrder, Watches};

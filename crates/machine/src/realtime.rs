@@ -3,12 +3,12 @@
 use crate::controller::{Controller, Counters, Request};
 use crate::drive::CyclicDrive;
 use crate::overrides::Overrides;
-use crate::pad::Notices;
+use crate::pad::{ControlPad, NoPad, Notices};
 use crate::parameters::MachineParameters;
 use crate::ring::Ring;
 use crate::sample::{Quality, Sample};
 use crate::state::State;
-use crate::watch::{Firing, Ordered, Reaction, Readings, Situation, WatchCost, WatchOrder, Watches};
+use crate::watch::{Firing, Mode, Ordered, Reaction, Readings, Situation, WatchCost, WatchOrder, Watches};
 use crate::{Command, DriveOrders};
 use units::{Millimetres, Tick, ToolNumber};
 
@@ -38,9 +38,10 @@ pub struct Report {
 
 /// Controller and drives of one machine.
 #[derive(Clone, Debug)]
-pub struct RealtimeHalf<D> {
+pub struct RealtimeHalf<D, P = NoPad> {
     controller: Controller,
     drive: D,
+    pad: P,
     quality: Quality,
     reports: Ring<Report, REPORTS>,
     lost_reports: u64,
@@ -51,11 +52,20 @@ pub struct RealtimeHalf<D> {
 }
 
 impl<D: CyclicDrive> RealtimeHalf<D> {
-    /// A machine without power. `quality` is what its measurements are worth: a simulated drive's are [`Quality::Simulated`].
+    /// A machine without power and without a pad. `quality` is what its measurements are worth: a simulated drive's are
+    /// [`Quality::Simulated`].
     pub fn new(parameters: &MachineParameters, drive: D, quality: Quality) -> Self {
+        RealtimeHalf::with_pad(parameters, drive, NoPad, quality)
+    }
+}
+
+impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
+    /// The same with a control pad.
+    pub fn with_pad(parameters: &MachineParameters, drive: D, pad: P, quality: Quality) -> Self {
         RealtimeHalf {
             controller: Controller::new(parameters),
             drive,
+            pad,
             quality,
             reports: Ring::new(),
             lost_reports: 0,
@@ -70,6 +80,7 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
     pub fn tick(&mut self, now: Tick) {
         let before = self.controller.state();
         let feedback = self.drive.read(now);
+        self.controller.look_at_pad(self.pad.read(now));
         let orders = self.controller.tick(now, &feedback);
         self.drive.order(now, &orders);
         let sample = self.controller.sample(now, &feedback, self.quality);
@@ -83,7 +94,7 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
             orders,
             watches,
             overrides: self.controller.overrides(),
-            notices: Notices::default(),
+            notices: self.controller.take_notices(),
         };
         if self.reports.push(report).is_err() {
             self.lost_reports += 1;
@@ -105,6 +116,10 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
         if self.readings.workingstep() != sample.workingstep {
             reaction = reaction.max(self.watches.operation_ends());
         }
+        self.situation.mode = match self.controller.mode_in_force() {
+            crate::pad::Mode::Auto => Mode::Automatic,
+            crate::pad::Mode::Jog { .. } => Mode::Jog,
+        };
         self.situation.feed_override = f64::from(self.controller.overrides().feed);
         self.readings.take(sample, &self.parameters, self.situation);
         let verdict = self.watches.cycle(now, &self.readings, self.situation.mode);
@@ -187,6 +202,11 @@ impl<D: CyclicDrive> RealtimeHalf<D> {
     /// The drives.
     pub fn drive(&self) -> &D {
         &self.drive
+    }
+
+    /// The pad.
+    pub fn pad_mut(&mut self) -> &mut P {
+        &mut self.pad
     }
 
     /// The drives, to disturb simulated ones.

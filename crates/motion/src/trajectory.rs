@@ -27,6 +27,9 @@ const LONGEST: f64 = 86_400.0;
 /// Largest sweep of one arc, rad: its limits are looked at each 0.05 rad, all in memory.
 const LARGEST_SWEEP: f64 = 1e4;
 
+/// Largest feed override.
+const LARGEST_OVERRIDE: f64 = 2.0;
+
 /// Slowest feed, mm/s: its square stays far within a double's range on the longest move.
 const SLOWEST_FEED: f64 = 1e-12;
 
@@ -85,6 +88,18 @@ pub struct Trajectory<'a> {
     history: [[f64; 3]; 3],
     statistics: Statistics,
     gaps: f64,
+    /// What overrides are for the set-points from a step on; the first is that of the set-points at hand.
+    kinds: VecDeque<(StepId, Kind)>,
+}
+
+/// Which override is for a move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Kind {
+    rapid: bool,
+    /// None is.
+    locked: bool,
+    /// The multiplier of its feed, where set-points do not tell it.
+    feed_scale: Option<f64>,
 }
 
 /// Path parameters and the multiplier of the feed there, as in [`Piece::feed_factors`].
@@ -154,6 +169,21 @@ impl<'a> Trajectory<'a> {
             history: [start.xyz; 3],
             statistics: Statistics::default(),
             gaps: 0.0,
+            kinds: VecDeque::new(),
+        }
+    }
+
+    /// From here on plans for these overrides, as shares of the programmed feeds and of rapids; 1 is 100 %, more than 2 is 2.
+    ///
+    /// Below 100 % nothing is planned again: the machine slows down what it has at once and on its path, by time, and goes on as fast as
+    /// before when the override is taken back. Above it programmed feeds are multiplied, up to what the axes can do, from where set-points
+    /// have been given out: with a limit of jerk a few milliseconds behind the last of them, without one behind the look-ahead. Rapids are as
+    /// fast as the axes already, and the feed of a thread is that of the spindle. [`SetPoint::planned_override`] tells what each set-point was
+    /// planned for; a machine whose override is less than that slows down by their ratio.
+    pub fn set_override(&mut self, feed: f64, rapid: f64) {
+        let _ = rapid;
+        if feed.is_finite() {
+            self.planner.set_feed_scale(feed.clamp(1.0, LARGEST_OVERRIDE));
         }
     }
 
@@ -244,6 +274,7 @@ impl<'a> Trajectory<'a> {
                     feed: f64::INFINITY,
                     feed_factors: vec![],
                     rapid: true,
+                    locked: false,
                     step: id,
                     corner: Corner::Stop,
                 });
@@ -374,6 +405,7 @@ impl<'a> Trajectory<'a> {
                 feed,
                 feed_factors: factors.iter().map(|(u, f)| ((u - range[0]) / width, *f)).collect(),
                 rapid: m.speed == Speed::Rapid,
+                locked: matches!(m.speed, Speed::Feed(Feed::Thread(_))),
                 step: step.id,
                 // A corner inside a move is not its end: exact stop does not stop there, but it does not leave the path either.
                 corner: match corner {
@@ -501,6 +533,14 @@ impl<'a> Trajectory<'a> {
             return;
         }
         self.position = piece.path.end();
+        let kind = Kind {
+            rapid: piece.rapid,
+            locked: piece.locked,
+            feed_scale: self.planner.feed_scale_of_next(),
+        };
+        if self.kinds.back().is_none_or(|last| last.1 != kind) {
+            self.kinds.push_back((piece.step, kind));
+        }
         self.planner.push(piece);
     }
 
@@ -525,6 +565,7 @@ impl<'a> Trajectory<'a> {
                 feed,
                 feed_factors: vec![],
                 rapid,
+                locked: false,
                 step: self.last_move,
                 corner: Corner::Stop,
             });
@@ -558,7 +599,18 @@ impl<'a> Trajectory<'a> {
 
     /// Counts a set-point and holds it against the limits. With constant surface speed the spindle is told first when it has to change
     /// by 1 % or ten cycles have passed.
-    fn give(&mut self, point: SetPoint) -> Output {
+    fn give(&mut self, mut point: SetPoint) -> Output {
+        while self.kinds.get(1).is_some_and(|next| next.0 <= point.step) {
+            self.kinds.pop_front();
+        }
+        if let Some((_, kind)) = self.kinds.front() {
+            point.rapid = kind.rapid;
+            point.planned_override = match kind {
+                Kind { locked: true, .. } => 0.0,
+                Kind { rapid: true, .. } => 1.0,
+                Kind { feed_scale, .. } => feed_scale.unwrap_or(point.planned_override),
+            };
+        }
         let v_max = self.limits.v_max;
         let a_max = self.limits.a_max;
         let j_max = self.limits.j_max;

@@ -5,13 +5,14 @@
 //! [`ByteSource`], other files through a [`Resolver`].
 //!
 //! Read on: [`stream`] for the conversation, [`step`] for what a program can ask of a machine, [`path`] for geometry, [`modal`] for
-//! what is in force, [`executed`] for the model of what really happened, [`diagnostic`] for remarks about somebody's file,
-//! [`inspection`] for the tree of a program as plain data.
+//! what is in force, [`flow`] for a program with both ways of its branches, [`executed`] for the model of what really happened,
+//! [`diagnostic`] for remarks about somebody's file, [`inspection`] for the tree of a program as plain data.
 
 pub mod comment;
 pub mod diagnostic;
 pub mod executed;
 pub mod expression;
+pub mod flow;
 pub mod inspection;
 pub mod modal;
 pub mod path;

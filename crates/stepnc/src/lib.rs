@@ -65,5 +65,5 @@ pub use model::{
 };
 pub use part21::ReadError;
 pub use plan::inspection::{NamedValue, Quantity};
-pub use stream::{PathFrame, StepNcStream, StreamOptions};
+pub use stream::{PathFrame, StepNcStream, StreamOptions, StructuredStream};
 pub use twin::write_new;

@@ -23,6 +23,9 @@ mod conditions;
 mod frame;
 mod path;
 mod setting;
+mod structure;
+
+pub use structure::StructuredStream;
 
 use crate::aim::Fault;
 use crate::curve::{Pieces, PiecesState};
@@ -30,6 +33,7 @@ use crate::model::{
     Dwell, Executable, ExecutableKind, FeedSetting, Function, Operation, Program, Project, SpindleSetting, Tool, Toolpath,
     ToolpathKind,
 };
+use plan::flow::Flow;
 use plan::tables::Missing;
 use plan::{
     Alarm, Answer, CoolantState, Diagnostic, Diagnostics, Expression, Feed, FileId, FrameChange, Level, Marker, Move, Next,
@@ -85,7 +89,10 @@ pub struct StepNcStream {
 struct Run {
     last_step: u32,
     tasks: Vec<Task>,
-    queue: VecDeque<(Origin, StepKind)>,
+    queue: VecDeque<(Origin, Said)>,
+    /// Both ways of each branch are told; see [`StructuredStream`].
+    structured: bool,
+    place: TipPlace,
     pending: Option<Pending>,
     alarm: Option<Alarm>,
     diagnostics: Diagnostics,
@@ -97,11 +104,30 @@ struct Run {
     offset: ToolOffset,
     /// The offset of the tool in the spindle; a path may ask for another one.
     own_offset: ToolOffset,
-    spindle: SpindleState,
-    coolant: CoolantState,
-    path_mode: PathMode,
+    /// `None` where it depends on the way that was taken.
+    spindle: Option<SpindleState>,
+    coolant: Option<CoolantState>,
+    path_mode: Option<PathMode>,
     /// Height in the set-up that the next link has to reach: a connection over the security plane was passed.
     clearance: Option<Millimetres>,
+}
+
+/// What waits to be told.
+enum Said {
+    Step(StepKind),
+    /// Only where the structure is told.
+    Flow(Flow),
+}
+
+/// Where the tip is when the structure is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TipPlace {
+    /// Where the last path ended.
+    Known,
+    /// It depends on the way that was taken, or on where the machine stood.
+    Anywhere,
+    /// Out of the way.
+    Lifted,
 }
 
 /// What is left to do, innermost last.
@@ -118,6 +144,8 @@ enum Task {
         next: usize,
     },
     Path(Box<OpenPath>),
+    /// The border behind a branch or a loop's body that was told.
+    Meet(Box<structure::Meeting>),
     /// Ends what `scopes` has last, and its marker.
     Close(Option<Level>, u64),
     End(Level, u64),
@@ -172,8 +200,9 @@ impl StepNcStream {
     }
 }
 
-impl ProgramStream for StepNcStream {
-    fn next(&mut self, answer: Option<Answer>) -> Next {
+impl StepNcStream {
+    /// The next thing, `None` when a border of the flow stands first in the queue.
+    fn next_said(&mut self, answer: Option<Answer>) -> Option<Next> {
         let mut walker = Walker {
             program: &self.program,
             options: &self.options,
@@ -182,26 +211,29 @@ impl ProgramStream for StepNcStream {
         if let Some(pending) = walker.run.pending.take() {
             match walker.answered(pending, answer) {
                 Ok(None) => {}
-                Ok(Some(question)) => return Next::Ask(question),
+                Ok(Some(question)) => return Some(Next::Ask(question)),
                 Err(fault) => walker.fail(&fault),
             }
         }
         let mut idle = 0;
         loop {
-            if let Some((origin, kind)) = walker.run.queue.pop_front() {
+            if let Some((_, Said::Flow(_))) = walker.run.queue.front() {
+                return None;
+            }
+            if let Some((origin, Said::Step(kind))) = walker.run.queue.pop_front() {
                 walker.run.last_step = walker.run.last_step.saturating_add(1);
-                return Next::Step(Step {
+                return Some(Next::Step(Step {
                     id: StepId(walker.run.last_step),
                     origin,
                     kind,
-                });
+                }));
             }
             if let Some(alarm) = &walker.run.alarm {
-                return Next::Alarm(alarm.clone());
+                return Some(Next::Alarm(alarm.clone()));
             }
             idle += 1;
             let Some(task) = walker.run.tasks.pop() else {
-                return Next::End;
+                return Some(Next::End);
             };
             let entity = task.entity();
             let outcome = walker.advance(task);
@@ -215,10 +247,17 @@ impl ProgramStream for StepNcStream {
                     ));
                 }
                 Ok(None) => {}
-                Ok(Some(question)) => return Next::Ask(question),
+                Ok(Some(question)) => return Some(Next::Ask(question)),
                 Err(fault) => walker.fail(&fault),
             }
         }
+    }
+}
+
+impl ProgramStream for StepNcStream {
+    fn next(&mut self, answer: Option<Answer>) -> Next {
+        self.next_said(answer)
+            .expect("borders of the flow are queued only where the structure is told")
     }
 
     fn rewind(&mut self) {
@@ -244,6 +283,8 @@ impl Run {
             last_step: 0,
             tasks: vec![Task::Start],
             queue: VecDeque::new(),
+            structured: false,
+            place: TipPlace::Known,
             pending: None,
             alarm: None,
             diagnostics,
@@ -254,9 +295,9 @@ impl Run {
             tool: None,
             offset: ToolOffset::NONE,
             own_offset: ToolOffset::NONE,
-            spindle: SpindleState::Stopped,
-            coolant: CoolantState::default(),
-            path_mode: PathMode::Tolerance(None),
+            spindle: Some(SpindleState::Stopped),
+            coolant: Some(CoolantState::default()),
+            path_mode: Some(PathMode::Tolerance(None)),
             clearance: None,
         }
     }
@@ -268,7 +309,7 @@ impl Task {
             Task::Execute(id) | Task::Loop(id) | Task::Close(_, id) | Task::End(_, id) => *id,
             Task::Toolpaths { operation, .. } => *operation,
             Task::Path(open) => open.toolpath.id,
-            Task::Start | Task::Sequence { .. } | Task::Finish => 0,
+            Task::Start | Task::Sequence { .. } | Task::Finish | Task::Meet(_) => 0,
         }
     }
 }
@@ -293,7 +334,9 @@ impl<'s> Walker<'s> {
 
     fn say(&mut self, entity: u64, kind: StepKind) {
         let place = if entity == 0 { Place::Given } else { Place::Entity(entity) };
-        self.run.queue.push_back((Origin { file: FileId(0), place }, kind));
+        self.run
+            .queue
+            .push_back((Origin { file: FileId(0), place }, Said::Step(kind)));
     }
 
     fn begin(&mut self, level: Level, entity: u64, name: &str, maximum_deviation: Option<Millimetres>) {
@@ -336,6 +379,10 @@ impl<'s> Walker<'s> {
                 Ok(None)
             }
             Task::Path(open) => self.travel(*open).map(|()| None),
+            Task::Meet(meeting) => {
+                self.meet(*meeting);
+                Ok(None)
+            }
             Task::Close(level, id) => {
                 self.run.scopes.pop();
                 if let Some(level) = level {
@@ -380,6 +427,9 @@ impl<'s> Walker<'s> {
             ));
         };
         self.begin(Level::Program, project.id.unwrap_or(0), &project.name, None);
+        if self.run.structured {
+            self.say_initial_values();
+        }
         self.run.tasks.push(Task::Finish);
         self.run.tasks.push(Task::Execute(project.main_workplan));
         Ok(None)
@@ -443,6 +493,20 @@ impl<'s> Walker<'s> {
                     .tasks
                     .extend(children.iter().find(enabled).map(|&child| Task::Execute(child)));
             }
+            ExecutableKind::If {
+                condition,
+                then,
+                otherwise,
+            } if self.run.structured => {
+                let expression = structure::readable(executable, condition)?;
+                self.enter(executable, None);
+                self.both_ways(id, expression, *then, *otherwise);
+            }
+            ExecutableKind::While { condition, body } if self.run.structured => {
+                let expression = structure::readable(executable, condition)?;
+                self.enter(executable, None);
+                self.the_body(id, expression, *body);
+            }
             ExecutableKind::If { condition, .. } => {
                 let expression = self.condition(executable, condition)?;
                 self.enter(executable, None);
@@ -463,6 +527,7 @@ impl<'s> Walker<'s> {
             }
             ExecutableKind::Assignment { variable, value } => {
                 let value = match value {
+                    Ok(value) if self.run.structured => value.clone(),
                     Ok(value) => substitute(value, &self.run.variables),
                     Err(why) => {
                         return unsupported(
@@ -478,6 +543,11 @@ impl<'s> Walker<'s> {
                         format!("'{}' assigns to no variable with a name", executable.name),
                         EXPRESSION_REMEDY,
                     );
+                }
+                if self.run.structured {
+                    let variable = variable.clone();
+                    self.say_flow(id, Flow::Assign { variable, value });
+                    return Ok(None);
                 }
                 return self.assign(executable, variable, value);
             }
@@ -719,6 +789,7 @@ impl<'s> Walker<'s> {
         match function.kind.as_str() {
             "display message" => self.say(id, StepKind::Message(function.text.clone())),
             "program stop" => self.say(id, StepKind::Stop(StopKind::Program)),
+            "optional stop" if self.run.structured => self.say(id, StepKind::Stop(StopKind::Optional)),
             "optional stop" => {
                 self.run.pending = Some(Pending::OptionalStop(id));
                 return Ok(Some(Question::OptionalStop));
@@ -738,6 +809,7 @@ impl<'s> Walker<'s> {
                 self.change_tool(id, tool)?;
             }
             "unload tool" => {
+                self.lift(id);
                 self.rest();
                 self.run.tool = Some(ToolNumber(0));
                 self.run.offset = ToolOffset::NONE;

@@ -58,6 +58,8 @@ pub struct Guard<'a> {
     program: &'a Program,
     /// The named differences so far.
     pub told: Vec<Value>,
+    /// The program as the last change left it.
+    last: Option<stepnc::Program>,
     /// A sentence about the file when it was edited outside before.
     pub edited_outside: Option<String>,
 }
@@ -94,6 +96,7 @@ impl<'a> Guard<'a> {
             why,
             program,
             told: Vec::new(),
+            last: None,
             edited_outside,
         })
     }
@@ -107,8 +110,16 @@ impl<'a> Guard<'a> {
             stepnc::Program::read(&self.program.name, bytes)
                 .map_err(|error| Failure::unreadable(format_args!("{}: {error}", self.program.path.display())))
         };
-        let after = read(bytes.clone())?;
-        let (old, new) = (levels_of(before), levels_of(&after));
+        let (old, mut after) = (levels_of(before), read(bytes.clone())?);
+        let (mut new, mut bytes) = (levels_of(&after), bytes);
+        let classes = reclassified(&old, &new);
+        if !classes.is_empty() {
+            let mut edits = ProgramEdits::new(&after);
+            edits.classify(&classes).map_err(|error| super::refused(change, error))?;
+            bytes = edits.save().map_err(|error| super::refused(change, error))?.bytes;
+            after = read(bytes.clone())?;
+            new = levels_of(&after);
+        }
         let touched = touched(before, change);
         let asked = needed((before, &old), (&after, &new), &touched);
         let level = Level::new(asked.level).unwrap_or(Level::HIGHEST);
@@ -153,19 +164,14 @@ impl<'a> Guard<'a> {
             told["before"] = words_of(before, *part, change);
             told["after"] = words_of(&after, *part, change);
         }
-        let classes = reclassified(&old, &new);
-        if classes.is_empty() {
-            self.told.push(told);
-            return Ok(bytes);
+        if !classes.is_empty() {
+            told["classified"] = (classes.iter())
+                .map(|(id, level)| json!({ "part": id, "level": level }))
+                .collect();
         }
-        told["classified"] = classes
-            .iter()
-            .map(|(id, level)| json!({ "part": id, "level": level }))
-            .collect();
         self.told.push(told);
-        let mut edits = ProgramEdits::new(&after);
-        edits.classify(&classes).map_err(|error| super::refused(change, error))?;
-        Ok(edits.save().map_err(|error| super::refused(change, error))?.bytes)
+        self.last = Some(after);
+        Ok(bytes)
     }
 
     /// Writes the edited file, with its event before it takes its name.
@@ -185,7 +191,9 @@ impl<'a> Guard<'a> {
         file.write_all(after).and_then(|()| file.flush()).map_err(|e| writing(&e))?;
         let mut by: BTreeMap<String, Value> = self.acting.detail();
         by.insert("why".to_owned(), self.why.as_str().into());
-        by.insert("instances".to_owned(), instances(&self.program.name, before, after));
+        if let (Some(first), Some(last)) = (self.program.step_nc(), &self.last) {
+            by.insert("instances".to_owned(), instances(first, last));
+        }
         let event = self.directory.keep_edit(&ProgramEdit {
             from: &self.program.path,
             to: &place,
@@ -299,33 +307,39 @@ fn parents(program: &stepnc::Program, id: u64) -> Vec<String> {
     found
 }
 
-/// How many changed instances are written out whole.
+/// How many changed instances are written out, and how much of each.
 const MOST_INSTANCES: usize = 100;
+const MOST_OF_EACH: usize = 1000;
 
 /// The instances that differ, as the file spells them: the difference to the last byte of the data.
-fn instances(name: &str, before: &[u8], after: &[u8]) -> Value {
-    let read = |bytes: &[u8]| stepnc::Program::read(name, bytes.to_vec()).ok();
-    let (Some(before), Some(after)) = (read(before), read(after)) else {
-        return Value::Null;
-    };
-    fn text(program: &stepnc::Program, id: u64) -> Option<String> {
+fn instances(before: &stepnc::Program, after: &stepnc::Program) -> Value {
+    fn text(program: &stepnc::Program, id: u64) -> Option<&[u8]> {
         let file = program.file();
-        let span = file.span(file.row(id)?);
-        Some(String::from_utf8_lossy(&file.bytes()[span]).into_owned())
+        Some(&file.bytes()[file.span(file.row(id)?)])
     }
+    let shown = |bytes: Option<&[u8]>| {
+        bytes.map(|bytes| {
+            let text = String::from_utf8_lossy(&bytes[..bytes.len().min(MOST_OF_EACH)]);
+            if bytes.len() > MOST_OF_EACH {
+                format!("{text}...")
+            } else {
+                text.into_owned()
+            }
+        })
+    };
     let ids = |program: &stepnc::Program| -> Vec<u64> {
         let file = program.file();
         file.rows().map(|row| file.id(row)).collect()
     };
-    let all: std::collections::BTreeSet<u64> = ids(&before).into_iter().chain(ids(&after)).collect();
+    let all: std::collections::BTreeSet<u64> = ids(before).into_iter().chain(ids(after)).collect();
     let mut count = 0;
     let mut differing = Vec::new();
     for id in all {
-        let (old, new) = (text(&before, id), text(&after, id));
+        let (old, new) = (text(before, id), text(after, id));
         if old != new {
             count += 1;
             if differing.len() < MOST_INSTANCES {
-                differing.push(json!({ "id": id, "before": old, "after": new }));
+                differing.push(json!({ "id": id, "before": shown(old), "after": shown(new) }));
             }
         }
     }

@@ -1,5 +1,8 @@
 //! The controller's side of the published text protocol: lines become commands for the machine's queue.
 //!
+//! Places are those of the tool tip: a `T` line tells the machine the tool's length, which it adds against the home position
+//! ([`Command::ToolLength`]), so the tip of the new tool comes to where that of the old one was.
+//!
 //! One client at a time. A line that is none, a step above what an axis can do in a millisecond, one that disagrees with its speed, an
 //! operation that ends in motion and a connection that closes in the middle are a controlled stop: what was queued is not gone on with,
 //! spindle and coolant go off, and nothing is taken until the person has reset the machine and a client says `M1` again.
@@ -321,7 +324,8 @@ impl TextReceiver {
             let (line, what) = (self.line, TextRule::Machining);
             return self.give_up(TextStop::Rule { line, what });
         }
-        self.forget();
+        // What was said before is still to be done.
+        self.begin_motion();
         (self.machining, self.given_up) = (true, false);
     }
 
@@ -338,6 +342,10 @@ impl TextReceiver {
 
     fn forget(&mut self) {
         self.orders.clear();
+        self.begin_motion();
+    }
+
+    fn begin_motion(&mut self) {
         self.before.clear();
         self.places.clear();
         self.velocity = [0.0; 3];
@@ -380,8 +388,11 @@ impl TextReceiver {
                 machining?;
                 self.rest()?;
                 self.length = length;
-                // The tip is elsewhere with another length; the axes are where they were.
-                self.before.clear();
+                // The machine takes the tip of the new tool to where that of the old one was.
+                self.command(Command::ToolLength {
+                    length: f64::from(length),
+                    step,
+                });
                 self.command(Command::Tool {
                     tool: ToolNumber(number),
                     step,
@@ -489,8 +500,7 @@ impl TextReceiver {
         let mut step = 0.0;
         for k in 0..3 {
             let number = |place: &Place| f64::from(place.axes[k].position) / PULSES_PER_MM;
-            let offset = if k == 2 { f64::from(self.length) } else { 0.0 };
-            position[k] = number(&place) + offset;
+            position[k] = number(&place);
             let quantum = self.parameters.axes[k].v_max.0 / f64::from(FULL);
             let said = f64::from(place.axes[k].speed) * quantum;
             let measured = match around {

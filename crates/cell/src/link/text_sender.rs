@@ -5,20 +5,23 @@
 //! counterclockwise) or done as nearly as it goes, and told ([`TextSender::losses`]).
 //!
 //! Positions go out as places of the tool tip: the whole millimetres of tool length that a `T` line carries are taken off Z here and added
-//! again by the controller, so rounding the length moves nothing.
+//! again by the controller, so rounding the length moves nothing. With a tool change the machine takes the tip of the new tool to where
+//! that of the old one was; our plans go on where the *gauge point* was, so the sender takes it back there, along Z and slowly.
 
 use super::scaled::{Pose, Scaler};
 use super::stock::Stock;
 use machine::link::text::{FULL, Line, LineError, Movement, PULSES_PER_MM, Told, ToldReader};
 use machine::pad::Mode;
 use machine::{Command, MachineParameters, Request, SetPoint, SpindleCommand};
-use std::collections::BTreeMap;
-use units::{Axis, StepId, Tick, ToolNumber};
+use std::collections::{BTreeMap, VecDeque};
+use units::{Axis, StepId, TICK, Tick, ToolNumber};
 
 /// Lines that may be ahead of the time.
 pub const LINES_AHEAD: u64 = 200;
 /// Cycles without a new command after which what is there is all there is for now.
 const DRY: u64 = 20;
+/// Highest speed of the way back to the gauge point after a tool change, mm/s.
+const WAY_BACK: f64 = 50.0;
 
 /// Why the sender does not go on.
 #[derive(Clone, Debug, PartialEq)]
@@ -134,6 +137,8 @@ pub struct TextSender {
     split: bool,
     /// Tool length in force at the machine, whole mm.
     length: u32,
+    /// Set-points back to the gauge point after a tool change.
+    way_back: VecDeque<SetPoint>,
     /// The last movement: of which cycle of the plan, and its set-point.
     last: Option<(u64, SetPoint)>,
     rests: bool,
@@ -168,6 +173,7 @@ impl TextSender {
             spindle: None,
             split: false,
             length: 0,
+            way_back: VecDeque::new(),
             last: None,
             rests: true,
             dwell: 0,
@@ -182,6 +188,12 @@ impl TextSender {
             emergency_stop: false,
             losses: Losses::default(),
         }
+    }
+
+    /// The machine has a tool of this length, in whole mm: what was said by `T` in a run before. Without it, 0.
+    pub fn with_length(mut self, length: u32) -> Self {
+        self.length = length;
+        self
     }
 
     /// Takes the next command of the plan.
@@ -275,14 +287,22 @@ impl TextSender {
                 self.stop(now, out)?;
                 return Ok(());
             }
+            if let Some(set_point) = self.way_back.pop_front() {
+                let (speeds, place) = self.numbers(&set_point)?;
+                self.movement(now, speeds, place, out);
+                continue;
+            }
             if self.dwell > 0 {
                 let Some((_, last)) = self.last else {
                     self.silent_until = now + u64::from(std::mem::take(&mut self.dwell));
                     continue;
                 };
+                self.open(&last, out);
+                if !self.way_back.is_empty() {
+                    continue;
+                }
                 self.dwell -= 1;
                 let (_, place) = self.numbers(&last)?;
-                self.open(out);
                 self.movement(now, [0; 3], place, out);
                 continue;
             }
@@ -297,6 +317,14 @@ impl TextSender {
             let Some(command) = self.stock.command(self.next).copied() else {
                 return Ok(());
             };
+            if let Command::SetPoint(set_point) = command {
+                self.begin_machining(out);
+                let stands = self.last.map_or(set_point, |(_, last)| last);
+                self.open(&stands, out);
+                if !self.way_back.is_empty() {
+                    continue;
+                }
+            }
             self.say(now, command, out)?;
             self.stock.done(self.next);
             self.next += 1;
@@ -318,14 +346,10 @@ impl TextSender {
     }
 
     fn say(&mut self, now: Tick, command: Command, out: &mut Vec<u8>) -> Result<(), TextRefusal> {
-        if !self.begun {
-            self.begun = true;
-            put(Line::MachiningBegins, out);
-        }
+        self.begin_machining(out);
         match command {
             Command::SetPoint(set_point) => {
                 let (speeds, place) = self.numbers(&set_point)?;
-                self.open(out);
                 let cycle = self.stock.cycle_of(self.next);
                 self.movement(now, speeds, place, out);
                 self.last = Some((cycle, set_point));
@@ -354,6 +378,8 @@ impl TextSender {
             Command::Watch { order, .. } => {
                 self.losses.watches += u64::from(matches!(order, machine::WatchOrder::Start(_)));
             }
+            // Goes with the tool line, from the table of lengths.
+            Command::ToolLength { .. } => {}
             Command::End { .. } => {
                 self.close(out);
                 put(Line::MachiningEnds, out);
@@ -363,8 +389,16 @@ impl TextSender {
         Ok(())
     }
 
-    /// Before a movement: the operation that it belongs to, its tool and its spindle speed.
-    fn open(&mut self, out: &mut Vec<u8>) {
+    fn begin_machining(&mut self, out: &mut Vec<u8>) {
+        if !self.begun {
+            self.begun = true;
+            put(Line::MachiningBegins, out);
+        }
+    }
+
+    /// Before a movement: the operation that it belongs to, its tool and its spindle speed. `stands` is where the axes stand if this is at
+    /// rest; a tool of another length has its way back from there.
+    fn open(&mut self, stands: &SetPoint, out: &mut Vec<u8>) {
         let other = self.operation != Some(self.coolant) || self.tool.is_some() || self.split;
         if self.operation.is_none() || (other && self.rests) {
             self.close(out);
@@ -375,6 +409,7 @@ impl TextSender {
         let waits = self.rests && (self.tool.is_some() || self.spindle.is_some());
         if let Some((number, length)) = self.tool.take() {
             put(Line::Tool { number, length }, out);
+            self.lead_back(stands, f64::from(length) - f64::from(self.length));
             self.length = length;
         }
         if let Some(speed) = self.spindle.take() {
@@ -383,6 +418,32 @@ impl TextSender {
         if waits {
             // How long the machine takes for it, nobody tells: lines are counted anew.
             (self.clock, self.lines) = (None, 0);
+        }
+    }
+
+    /// The machine has gone up by as much as the new tool is longer: down again, from rest to rest with the least jerk.
+    fn lead_back(&mut self, stands: &SetPoint, longer: f64) {
+        let z = &self.parameters.axes[2];
+        let way = longer.abs();
+        if way == 0.0 {
+            return;
+        }
+        // 10 u^3 - 15 u^4 + 6 u^5 is fastest at 15/8, accelerates by 5.78 and jerks by 60 at most.
+        let by_speed = 1.875 * way / WAY_BACK.min(0.5 * z.v_max.0);
+        let by_acceleration = (5.78 * way / (0.5 * z.a_max.0)).sqrt();
+        let by_jerk = libm::cbrt(60.0 * way / z.j_max.0);
+        let cycles = (by_speed.max(by_acceleration).max(by_jerk) / TICK.0).ceil();
+        for i in 1..=cycles as u64 {
+            let u = i as f64 / cycles;
+            let left = 1.0 - u * u * u * (10.0 - 15.0 * u + 6.0 * u * u);
+            let speed = -30.0 * u * u * (1.0 - u) * (1.0 - u) / (cycles * TICK.0);
+            let ends = i as f64 == cycles;
+            let mut set_point = SetPoint {
+                velocity: [0.0, 0.0, if ends { 0.0 } else { longer * speed }],
+                ..*stands
+            };
+            set_point.position[2] += if ends { 0.0 } else { longer * left };
+            self.way_back.push_back(set_point);
         }
     }
 
@@ -404,8 +465,7 @@ impl TextSender {
 
     /// A set-point in numbers of the protocol.
     fn numbers(&mut self, set_point: &SetPoint) -> Result<([i16; 3], [i32; 3]), TextRefusal> {
-        // The length that will be in force when the line is read.
-        let length = self.tool.map_or(self.length, |(_, length)| length);
+        let length = self.length;
         let (mut speeds, mut place) = ([0; 3], [0; 3]);
         for k in 0..3 {
             let position = set_point.position[k] - if k == 2 { f64::from(length) } else { 0.0 };
@@ -443,6 +503,13 @@ impl TextSender {
 
     /// Decelerating lines on the path, `#`, `M0`.
     fn stop(&mut self, now: Tick, out: &mut Vec<u8>) -> Result<(), TextRefusal> {
+        if !self.way_back.is_empty() {
+            // It is half a second at most, and ends at rest: shorter than any other stop on it would be to plan.
+            for set_point in std::mem::take(&mut self.way_back) {
+                let (speeds, place) = self.numbers(&set_point)?;
+                self.movement(now, speeds, place, out);
+            }
+        }
         if let Some((cycle, _)) = self.last.filter(|_| !self.rests) {
             let from = Pose {
                 phase: cycle as f64,

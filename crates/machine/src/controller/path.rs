@@ -7,12 +7,17 @@ impl Controller {
     /// Moves on by a number of cycles and gives the commanded acceleration, mm/s^2.
     pub(super) fn advance(&mut self, cycles: u64, feedback: &Feedback) -> [f64; 3] {
         self.go_on_with_work(cycles, feedback);
+        self.restore(cycles, feedback);
+        if let Some(acceleration) = self.by_hand(cycles, feedback) {
+            return acceleration;
+        }
         let too_few =
             self.state == State::Waiting(Wait::Commands) && self.barrier.is_none() && self.rate == 0.0 && self.is_short(0.0);
         if !self.queue.is_empty() && self.in_work.is_none() && !too_few {
             self.happen(Event::Work);
         }
-        if !matches!(self.state, State::Running | State::Holding | State::Stopping(_)) || self.in_work.is_some() {
+        let has_a_path = matches!(self.state, State::Running | State::Holding | State::Stopping(_));
+        if !has_a_path || self.in_work.is_some() || self.waits_for_thread(cycles, feedback) {
             return self.stand();
         }
         if self.astray {

@@ -128,7 +128,7 @@ impl Controller {
             let middle = rate + change * TICK.0 / 2.0;
             let after = rate + change * TICK.0;
             // The rate ends at 0 and at 1, whatever it changes by.
-            let ends = change != 0.0 && (after < 0.0 || after > 1.0);
+            let ends = change != 0.0 && !(0.0..=1.0).contains(&after);
             let jerk_of_rate = (change - before) / TICK.0;
             let mut jerk = 1.0 / (TICK.0 * TICK.0);
             for (k, axis) in self.parameters.axes.iter().enumerate() {

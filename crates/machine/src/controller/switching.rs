@@ -30,12 +30,13 @@ impl Controller {
             }
             Command::Tool { tool, step } => {
                 self.step = step;
-                let time = if tool == self.tool {
-                    0
-                } else {
-                    seconds_in_cycles(self.parameters.tool_change.0)
-                };
-                work = Some((Wait::Tool, time, tool));
+                self.hand.left_at = self.here.position;
+                self.hand.lengthened = self.length.next - self.length.now;
+                work = Some((Wait::ToolAway, 0, tool));
+            }
+            Command::ToolLength { length, step } => {
+                self.step = step;
+                self.length.next = length;
             }
             Command::Dwell { cycles, step } => {
                 self.step = step;
@@ -60,8 +61,59 @@ impl Controller {
         }
         match work {
             None => self.counters.completed += 1,
+            Some((Wait::ToolAway, _, tool)) => {
+                self.in_work = Some(Work {
+                    wait: Wait::ToolAway,
+                    cycles: 0,
+                    tool,
+                });
+                self.commanded = self.here.position;
+                if self.is_at_tool_place() {
+                    self.exchange_tool(tool);
+                } else {
+                    self.happen(Event::Wait(Wait::ToolAway));
+                }
+            }
             Some((wait, cycles, tool)) => self.wait(wait, cycles, tool),
         }
+    }
+
+    /// The axes are where tools are changed.
+    fn exchange_tool(&mut self, tool: ToolNumber) {
+        let time = if tool == self.tool {
+            0
+        } else {
+            seconds_in_cycles(self.parameters.tool_change.0)
+        };
+        self.wait(Wait::Tool, time, tool);
+    }
+
+    /// After a cycle start, spindle and coolant come back before the path goes on.
+    pub(super) fn restore(&mut self, cycles: u64, feedback: &Feedback) {
+        if self.state != State::Resuming {
+            return;
+        }
+        self.restoring = self.restoring.saturating_sub(cycles);
+        if self.spindle_is_there(feedback.spindle_speed) {
+            self.happen(Event::Restored);
+        } else if self.restoring == 0 {
+            self.happen(Event::Fault(FaultCause::Spindle));
+        }
+    }
+
+    /// True at rest before a thread as long as the spindle is not at the speed that the thread was planned for: its override does not act.
+    pub(super) fn waits_for_thread(&mut self, cycles: u64, feedback: &Feedback) -> bool {
+        let at_rest = self.standing && self.fraction == 0.0 && is_rest(&self.here);
+        let next_is_locked = self.next_set_point().is_some_and(SetPoint::is_locked);
+        if !at_rest || !next_is_locked || self.state != State::Running || self.spindle_is_there(feedback.spindle_speed) {
+            self.thread_waits = 0;
+            return false;
+        }
+        self.thread_waits += cycles;
+        if self.thread_waits > seconds_in_cycles(self.parameters.spindle.time_out.0) {
+            self.happen(Event::Fault(FaultCause::Spindle));
+        }
+        true
     }
 
     /// The command that was just taken needs time.
@@ -101,13 +153,32 @@ impl Controller {
                 }
                 there
             }
+            Wait::ToolAway => self.stands() && self.is_at_tool_place(),
+            Wait::ToolBack => self.stands() && self.is_back_from_tool_change(),
             Wait::Dwell | Wait::Commands => left == 0,
         };
         if !done {
             return;
         }
-        self.tool = work.tool;
-        if work.wait == Wait::Tool && !stopping && !self.spindle_is_there(feedback.spindle_speed) {
+        match work.wait {
+            Wait::ToolAway => return self.exchange_tool(work.tool),
+            Wait::Tool => {
+                self.tool = work.tool;
+                self.length.now = self.length.next;
+                if !stopping && !self.is_back_from_tool_change() {
+                    return self.wait(Wait::ToolBack, 0, work.tool);
+                }
+                if stopping {
+                    // The path is not gone on with: it stands where tools are changed, and not where the path was left.
+                    self.stand_at(self.commanded);
+                } else if self.hand.lengthened != 0.0 {
+                    self.go_on_from_tool_change();
+                }
+            }
+            Wait::ToolBack => self.go_on_from_tool_change(),
+            _ => {}
+        }
+        if matches!(work.wait, Wait::Tool | Wait::ToolBack) && !stopping && !self.spindle_is_there(feedback.spindle_speed) {
             // The change stopped the spindle; it comes back before the program goes on.
             let cycles = seconds_in_cycles(self.parameters.spindle.time_out.0);
             self.wait(Wait::Spindle, cycles, work.tool);

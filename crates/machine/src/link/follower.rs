@@ -306,7 +306,10 @@ fn since(now: &Counters, before: &Counters) -> Counters {
 
 /// A controlled stop on the path; what the machine does at rest is finished first.
 fn hold<D: CyclicDrive>(half: &mut RealtimeHalf<D>) {
-    if matches!(half.controller().state(), State::Running | State::Waiting(_)) {
+    if matches!(
+        half.controller().state(),
+        State::Running | State::Waiting(_) | State::Resuming
+    ) {
         half.request(Request::Hold);
     }
 }

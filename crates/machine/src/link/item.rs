@@ -7,7 +7,7 @@ use crate::overrides::Overrides;
 use crate::pad::{Mode, Notices};
 use crate::realtime::Report;
 use crate::sample::{Phase, Quality, Sample};
-use crate::state::{FaultCause, State, StopCause, Wait};
+use crate::state::{FaultCause, HomingStage, State, StopCause, Wait};
 use crate::watch::{AlarmOrder, Reaction, ResetBy, WatchCost, WatchOrder};
 use crate::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 
@@ -31,7 +31,8 @@ wire_enum!(Command {
     7 = Workingstep { workingstep, step },
     8 = Pause { step },
     9 = End { step },
-    10 = Watch { order, step },
+    10 = ToolLength { length, step },
+    11 = Watch { order, step },
 });
 wire_enum!(WatchOrder {
     1 = Start(watch),
@@ -70,6 +71,12 @@ wire_enum!(Request {
     5 = Stop,
     6 = Reset,
     7 = Override(overrides),
+    8 = Home,
+    9 = Mode(mode),
+    10 = JogFeed(feed),
+    11 = JogSpindle(spindle),
+    12 = BeginMachining,
+    13 = StopSpindle,
 });
 wire_struct!(Overrides { feed, rapid, spindle });
 
@@ -117,6 +124,8 @@ wire_enum!(Phase {
     4 = Stopped,
     5 = EmergencyStop,
     6 = Fault,
+    7 = Jogging,
+    8 = Homing,
 });
 wire_enum!(Quality {
     0 = Good,
@@ -138,6 +147,16 @@ wire_enum!(State {
     10 = EmergencyStop,
     11 = EmergencyStopReleased,
     12 = Fault(cause),
+    13 = NotHomed,
+    14 = Homing { axis, stage },
+    15 = Jogging { axis },
+    16 = Resuming,
+});
+wire_enum!(HomingStage {
+    0 = Search,
+    1 = BackOff,
+    2 = SlowSearch,
+    3 = GoHome,
 });
 wire_enum!(Wait {
     0 = Commands,
@@ -145,6 +164,8 @@ wire_enum!(Wait {
     2 = Spindle,
     3 = Tool,
     4 = Dwell,
+    5 = ToolAway,
+    6 = ToolBack,
 });
 wire_enum!(StopCause {
     0 = Asked,
@@ -160,6 +181,7 @@ wire_enum!(FaultCause {
     1 = Encoder { axis },
     2 = Spindle,
     3 = Drive,
+    4 = Homing { axis },
 });
 wire_struct!(Counters {
     accepted,

@@ -271,7 +271,7 @@ impl Readings {
             Phase::Running | Phase::Waiting => {
                 self.program_began.get_or_insert(now);
             }
-            Phase::Paused | Phase::Stopped | Phase::EmergencyStop | Phase::Fault => {}
+            _ => {}
         }
         // Outside of one it is 0: nothing lasts too long that is not there.
         let since = |began: Option<Tick>| began.map_or(0.0, |began| (now - began) as f64 * TICK.0);

@@ -80,8 +80,8 @@ impl Walker<'_> {
                     );
                 }
                 let spindle = spindle_state(id, spindle, tool, operation, self.options.spindle_limit)?;
-                if spindle != self.run.spindle {
-                    self.run.spindle = spindle;
+                if self.run.spindle != Some(spindle) {
+                    self.run.spindle = Some(spindle);
                     self.say(id, StepKind::Spindle(spindle));
                 }
             }
@@ -91,15 +91,15 @@ impl Walker<'_> {
             .or(operation.functions)
             .and_then(|id| program.functions(id));
         if let Some(functions) = functions
-            && functions.coolant != self.run.coolant
+            && self.run.coolant != Some(functions.coolant)
         {
-            self.run.coolant = functions.coolant;
+            self.run.coolant = Some(functions.coolant);
             self.say(id, StepKind::Coolant(functions.coolant));
         }
         self.offset_for(id, functions)?;
         let path_mode = path_mode(&toolpath, functions);
-        if path_mode != self.run.path_mode && toolpath.kind != ToolpathKind::Dwell {
-            self.run.path_mode = path_mode;
+        if self.run.path_mode != Some(path_mode) && toolpath.kind != ToolpathKind::Dwell {
+            self.run.path_mode = Some(path_mode);
             self.say(id, StepKind::PathMode(path_mode));
         }
         let properties = others(functions);
@@ -115,7 +115,7 @@ impl Walker<'_> {
             let time = match toolpath.dwell {
                 Some(Dwell::Time(time)) => time,
                 Some(Dwell::Revolutions(turns)) => {
-                    let speed = self.run.spindle.revolutions(Millimetres::ZERO);
+                    let speed = self.run.spindle.unwrap_or_default().revolutions(Millimetres::ZERO);
                     if speed.0 <= 0.0 {
                         return refuse(
                             "dwell",
@@ -134,7 +134,9 @@ impl Walker<'_> {
                 }
             };
             self.begin(Level::Toolpath, id, &toolpath.name, None);
-            self.run.queue.extend(others.map(|kind| (entity_origin(id), kind)));
+            self.run
+                .queue
+                .extend(others.map(|kind| (entity_origin(id), Said::Step(kind))));
             self.say(id, StepKind::Dwell(time));
             self.say(id, StepKind::End(Level::Toolpath));
             return Ok(());
@@ -161,7 +163,9 @@ impl Walker<'_> {
             self.link(id, frame.machine_from_setup, first, speed, retract_axis);
         }
         self.begin(Level::Toolpath, id, &toolpath.name, toolpath.maximum_deviation);
-        self.run.queue.extend(others.map(|kind| (entity_origin(id), kind)));
+        self.run
+            .queue
+            .extend(others.map(|kind| (entity_origin(id), Said::Step(kind))));
         let mut open = OpenPath {
             pieces: pieces.into_state(),
             speed,
@@ -202,6 +206,12 @@ impl Walker<'_> {
     ) {
         let tip = machine_from_setup.inverse() * (self.run.gauge - self.run.offset.total());
         let start = first.start();
+        if self.run.place != TipPlace::Known {
+            self.lift(id);
+            self.come_down(id, start, retract_axis);
+            self.run.gauge = machine_from_setup * start + self.run.offset.total();
+            return;
+        }
         let gap = tip.distance(start);
         if gap <= 1e-6 {
             return;

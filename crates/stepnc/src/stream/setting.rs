@@ -6,12 +6,12 @@ use std::collections::BTreeSet;
 impl Walker<'_> {
     /// Stops spindle and coolant where they run.
     pub(super) fn rest(&mut self) {
-        if self.run.spindle != SpindleState::Stopped {
-            self.run.spindle = SpindleState::Stopped;
+        if self.run.spindle != Some(SpindleState::Stopped) {
+            self.run.spindle = Some(SpindleState::Stopped);
             self.say(0, StepKind::Spindle(SpindleState::Stopped));
         }
-        if self.run.coolant != CoolantState::default() {
-            self.run.coolant = CoolantState::default();
+        if self.run.coolant != Some(CoolantState::default()) {
+            self.run.coolant = Some(CoolantState::default());
             self.say(0, StepKind::Coolant(CoolantState::default()));
         }
     }
@@ -85,6 +85,7 @@ impl Walker<'_> {
             return Ok(());
         }
         let offset = self.offset_of(tool.id, number, &tool.kind)?;
+        self.lift(entity);
         self.rest();
         self.run.tool = Some(number);
         self.run.offset = offset;

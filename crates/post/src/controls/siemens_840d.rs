@@ -1,0 +1,912 @@
+//! Siemens SINUMERIK 840D, 840D sl, ONE, 828D: synchronized actions in the servo cycle, recordings through FIFO variables, SETAL.
+//!
+//! G58 and G59 are programmable shifts here: behind G57 work offsets go on as G505.
+
+use crate::condition::{Style, source_of, spell};
+use crate::control::Control;
+use crate::functions::{Item, Reading, Source, streams_of};
+use crate::grade::Verdict;
+use crate::iso::{self, Codes};
+use crate::letters::Letters;
+use crate::number::Decimals;
+use crate::sheet::{Paper, Refusal, Sheet};
+use crate::statement::Statement;
+use plan::expression::Operator;
+use plan::{Expression, PathMode, Register, SpindleMode, StopKind};
+use trace::functions::{Frequency, Recording, SynchronizedAction};
+use trace::sensor::{Sensor, Statistic, streams};
+use trace::{Call, Function, Sampling};
+
+/// The control.
+pub struct Siemens840d;
+
+const NUMBERS: Decimals = Decimals {
+    places: 6,
+    point: false,
+    plus: false,
+};
+
+const OPERATORS: &[(Operator, &str)] = &[
+    (Operator::Add, "+"),
+    (Operator::Subtract, "-"),
+    (Operator::Multiply, "*"),
+    (Operator::Divide, "/"),
+    (Operator::Equal, "=="),
+    (Operator::NotEqual, "<>"),
+    (Operator::Less, "<"),
+    (Operator::LessOrEqual, "<="),
+    (Operator::Greater, ">"),
+    (Operator::GreaterOrEqual, ">="),
+    (Operator::And, " AND "),
+    (Operator::Or, " OR "),
+    (Operator::Xor, " XOR "),
+];
+
+const STYLE: Style = Style {
+    operators: OPERATORS,
+    brackets: ("(", ")"),
+    not: Some("NOT "),
+    truth: Some(("TRUE", "FALSE")),
+    numbers: NUMBERS,
+    realtime: false,
+};
+
+const IN_ACTION: Style = Style { realtime: true, ..STYLE };
+
+const CODES: Codes = Codes {
+    per_minute: "G94",
+    per_revolution: "G95",
+};
+
+const BESIDE: &str = "a recorder over the SINUMERIK's OPC UA server or Edge";
+
+impl Control for Siemens840d {
+    fn name(&self) -> &'static str {
+        "siemens-840d"
+    }
+    fn about(&self) -> &'static str {
+        "Siemens SINUMERIK 840D, 840D sl, ONE"
+    }
+    fn ending(&self) -> &'static str {
+        "mpf"
+    }
+    fn paper(&self) -> Paper {
+        let decimals = |places| Decimals {
+            places,
+            point: false,
+            plus: false,
+        };
+        Paper {
+            lengths: decimals(4),
+            feeds: [decimals(3), decimals(5)],
+            speeds: decimals(3),
+            largest: 999_999.0,
+            line_end: "\n",
+            longest: 512,
+            longest_comment: 120,
+            comment: ("; ", ""),
+            letters: Letters {
+                capitals: false,
+                instead: &[('"', "'"), ('%', " percent")],
+            },
+            brackets: ("(", ")"),
+            numbered: false,
+            most_labels: 99_999,
+        }
+    }
+
+    fn write(&self, statement: &Statement<'_>, sheet: &mut Sheet<'_>) -> Result<(), Refusal> {
+        match statement {
+            Statement::Begin(head) => {
+                sheet.line(&format!("%_N_{}_MPF", file_name(&head.name)));
+                sheet.line(";$PATH=/_N_MPF_DIR");
+                sheet.comment(&head.name);
+                head.text.iter().for_each(|line| sheet.comment(line));
+                if head.logs {
+                    sheet.line("DEF INT TM_ERROR");
+                    sheet.verify("the log is the file TM_LOG in the part programs; its size is bounded by MD11420");
+                }
+                sheet.line(if sheet.turning {
+                    "G18 G40 G71 G90 G97 DIAMON"
+                } else {
+                    "G17 G40 G71 G90 G94"
+                });
+                sheet.modal.plane = Some(if sheet.turning { "G18" } else { "G17" });
+                sheet.modal.feed_mode = (!sheet.turning).then_some("G94");
+                Ok(())
+            }
+            Statement::End => {
+                sheet.line("M30");
+                Ok(())
+            }
+            Statement::Comment(text) => {
+                sheet.comment(text);
+                Ok(())
+            }
+            Statement::Section(name) => {
+                sheet.comment(name);
+                Ok(())
+            }
+            Statement::Line(line) => iso::line(line, CODES, sheet),
+            Statement::Arc(arc) => iso::arc(arc, CODES, sheet),
+            Statement::Thread {
+                line, lead, axis, start, ..
+            } => {
+                let mut words = vec!["G33".to_owned()];
+                words.extend(iso::axis_words(line.words, sheet));
+                words.push(format!("{}{}", ["I", "J", "K"][*axis], sheet.number(*lead, NUMBERS)?));
+                if let Some(angle) = start.filter(|angle| *angle != 0.0) {
+                    words.push(format!("SF={}", sheet.number(angle.rem_euclid(360.0), NUMBERS)?));
+                }
+                sheet.words(&words);
+                sheet.modal.motion = None;
+                Ok(())
+            }
+            Statement::Tap {
+                bottom,
+                back,
+                pitch,
+                left,
+                speed,
+                ..
+            } => {
+                let lengths = sheet.paper().lengths;
+                let turns = iso::speed(*speed, sheet)?;
+                let pitch = sheet.number(if *left { -*pitch } else { *pitch }, NUMBERS)?;
+                sheet.line("SPOS=0");
+                sheet.line(&format!("G331 Z{} K{pitch} S{turns}", lengths.spell(*bottom)));
+                sheet.line(&format!("G332 Z{} K{pitch} S{turns}", lengths.spell(*back)));
+                sheet.line(&format!("S{turns} {}", if *left { "M4" } else { "M3" }));
+                sheet.verify("tapping by SPOS, G331 and G332");
+                sheet.modal.forget();
+                Ok(())
+            }
+            Statement::Machine(to) => {
+                let mut words = vec!["G0 SUPA".to_owned()];
+                for (letter, to) in ["X", "Y", "Z"].iter().zip(to) {
+                    if let Some(to) = to {
+                        words.push(format!("{letter}{}", sheet.length(*to)?));
+                    }
+                }
+                words.push("D0".to_owned());
+                out_of_the_way(&words.join(" "), sheet);
+                Ok(())
+            }
+            Statement::Retract => {
+                let words = if sheet.turning { "G0 SUPA X0 D0" } else { "G0 SUPA Z0 D0" };
+                sheet.verify("out of the way is machine zero of the tool's axis");
+                out_of_the_way(words, sheet);
+                Ok(())
+            }
+            Statement::Tool { number, .. } => {
+                sheet.modal.tool = Some(*number);
+                sheet.modal.length_on = false;
+                sheet.line(&format!("T{number}"));
+                if !sheet.turning {
+                    sheet.line("M6");
+                }
+                Ok(())
+            }
+            Statement::Offset { number: 0, .. } => {
+                sheet.modal.length_on = false;
+                sheet.line("D0");
+                Ok(())
+            }
+            Statement::Offset { number, negative } => {
+                if *negative || sheet.modal.tool.is_some_and(|tool| tool != *number && tool != 0) {
+                    return Err(Refusal::new(
+                        "tool-offset",
+                        format!(
+                            "offset {number} of tool {}: D numbers belong to their tool here",
+                            sheet.modal.tool.unwrap_or(0)
+                        ),
+                        "let each tool use the offset of its own number",
+                    ));
+                }
+                sheet.modal.length_on = true;
+                sheet.line("D1");
+                Ok(())
+            }
+            Statement::Spindle(state) => {
+                let (word, mode) = iso::spindle(*state, "SPOS=0", sheet)?;
+                match mode {
+                    None => sheet.line(&word),
+                    Some(SpindleMode::Revolutions(speed)) => {
+                        let speed = iso::speed(speed.0, sheet)?;
+                        let g97 = if sheet.turning { "G97 " } else { "" };
+                        sheet.line(&format!("{g97}S{speed} {word}"));
+                    }
+                    Some(SpindleMode::Surface { speed, limit }) => {
+                        let limit = iso::speed(limit.0, sheet)?;
+                        let metres = iso::speed(speed.0 * 0.06, sheet)?;
+                        sheet.line(&format!("LIMS={limit}"));
+                        sheet.line(&format!("G96 S{metres} {word}"));
+                    }
+                }
+                if sheet.turning {
+                    // G96 and G97 are of one group with G94 and G95.
+                    sheet.modal.feed_mode = None;
+                }
+                Ok(())
+            }
+            Statement::Coolant { before, now } => {
+                iso::coolant(*before, *now, "M88", sheet);
+                Ok(())
+            }
+            Statement::Work(number) => {
+                if *number > 98 {
+                    return Err(Refusal::new(
+                        "work-offset",
+                        "more work offsets than G599",
+                        "use fewer set-ups in one program",
+                    ));
+                }
+                let name = self.work_name(*number);
+                sheet.line(&name);
+                Ok(())
+            }
+            Statement::PathMode(mode) => {
+                match mode {
+                    PathMode::ExactStop => sheet.line("G60"),
+                    PathMode::ExactPath => {
+                        sheet.notice("a path that may not be left is run with exact stop (G60)");
+                        sheet.line("G60");
+                    }
+                    PathMode::Tolerance(Some(tolerance)) => {
+                        let tolerance = sheet.length(tolerance.0)?;
+                        sheet.line(&format!("CYCLE832({tolerance},_FINISH,1)"));
+                        sheet.verify("CYCLE832 for the tolerance of paths");
+                        sheet.modal.tolerance_on = true;
+                    }
+                    PathMode::Tolerance(None) => {
+                        if sheet.modal.tolerance_on {
+                            sheet.line("CYCLE832(0,_OFF,1)");
+                            sheet.modal.tolerance_on = false;
+                        }
+                        sheet.line("G64");
+                    }
+                }
+                Ok(())
+            }
+            Statement::Dwell(time) => {
+                let time = sheet.number(*time, NUMBERS)?;
+                sheet.line(&format!("G4 F{time}"));
+                Ok(())
+            }
+            Statement::Message(text) => {
+                let text = sheet.short(text, 120);
+                sheet.line(&format!("MSG(\"{text}\")"));
+                Ok(())
+            }
+            Statement::Stop(StopKind::Program) => {
+                sheet.line("M0");
+                Ok(())
+            }
+            Statement::Stop(StopKind::Optional) => {
+                sheet.line("M1");
+                Ok(())
+            }
+            Statement::Register(change) => register(change, sheet),
+            Statement::If(condition) => self.condition("IF", condition, sheet),
+            Statement::Else => {
+                sheet.line("ELSE");
+                Ok(())
+            }
+            Statement::EndIf => {
+                sheet.line("ENDIF");
+                Ok(())
+            }
+            Statement::While(condition) => {
+                if names_of_the_machine(condition) {
+                    return self.loop_with_stop(condition, sheet);
+                }
+                sheet.ways.push(way(0));
+                self.condition("WHILE", condition, sheet)
+            }
+            Statement::EndWhile => {
+                match sheet.ways.pop() {
+                    Some(way) if way.end > 0 => sheet.line("ENDLOOP"),
+                    _ => sheet.line("ENDWHILE"),
+                }
+                if let Some(label) = sheet.notes.get_mut("loop ends").and_then(Vec::pop).filter(|label| *label > 0) {
+                    sheet.line(&format!("TM_LABEL{label}:"));
+                }
+                Ok(())
+            }
+            Statement::Assign { variable, value } => {
+                let number = sheet.variable(variable);
+                let name = self.variable(number)?;
+                let (text, verified) = self.expression(value, sheet)?;
+                crate::macro_b::note_unverified(verified, sheet);
+                if text.contains('$') {
+                    sheet.line("STOPRE");
+                }
+                sheet.line(&format!("{name}={text}"));
+                Ok(())
+            }
+        }
+    }
+
+    fn work_name(&self, number: u32) -> String {
+        match number {
+            1..=4 => format!("G{}", 53 + number),
+            more => format!("G{}", 500 + more),
+        }
+    }
+    fn variable(&self, number: u32) -> Result<String, Refusal> {
+        if number >= 90 {
+            return Err(Refusal::new(
+                "variables",
+                "the program has more than 90 variables",
+                "use fewer",
+            ));
+        }
+        Ok(format!("R{}", number + 1))
+    }
+    fn assignment(&self, variable: &str, value: &str) -> String {
+        format!("{variable}={value}")
+    }
+    fn expression(&self, expression: &Expression, sheet: &mut Sheet<'_>) -> Result<(String, bool), Refusal> {
+        if let Expression::Truth(truth) = expression {
+            return Ok((if *truth { "1" } else { "0" }.to_owned(), true));
+        }
+        spell(expression, &STYLE, self, sheet)
+    }
+
+    fn reading(&self, stream: &str, _turning: bool) -> Reading {
+        let value = |text: String, verified: bool, realtime: bool, factor: f64| {
+            Reading::Value(Source {
+                verified,
+                realtime,
+                factor,
+                ..Source::of(text)
+            })
+        };
+        match stream {
+            "trace:ws_time" => return value("$AC_TIMER[1]".into(), true, true, 1.0),
+            "trace:op_time" => return value("$AC_TIMER[2]".into(), true, true, 1.0),
+            "trace:prog_time" => return value("$AC_TIMER[3]".into(), true, true, 1.0),
+            "trace:last_ws_time" => return value("R99".into(), true, false, 1.0),
+            "trace:tool" => return value("$P_TOOLNO".into(), false, false, 1.0),
+            "trace:feed_override" => return value("$AC_OVR".into(), false, true, 1.0),
+            "trace:path_deviation" => return Reading::Outside("the distance of three axes together is the recorder's"),
+            _ => {}
+        }
+        let (component, kind) = stream.split_once('.').unwrap_or((stream, ""));
+        let axis = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"].contains(&component);
+        let spindle = component.strip_prefix('S').and_then(|n| n.parse::<u32>().ok());
+        let machine = axis || spindle.is_some();
+        match kind {
+            "POSITION.COMMANDED" if axis => value(format!("$AA_IM[{component}]"), true, true, 1.0),
+            "POSITION.ACTUAL" if axis => value(format!("$VA_IM[{component}]"), true, true, 1.0),
+            "DISPLACEMENT" if axis => value(format!("($VA_IM[{component}]-$AA_IM[{component}])"), true, true, 1.0),
+            "PATH_FEEDRATE.ACTUAL" => value("$AC_VACTW".into(), false, true, 1.0 / 60.0),
+            "AXIS_FEEDRATE.ACTUAL" if axis => value(format!("$AA_VACTB[{component}]"), false, true, 1.0 / 60.0),
+            "ROTARY_VELOCITY.ACTUAL" if spindle.is_some() => value(format!("$AA_S[{}]", spindle.unwrap_or(1)), false, true, 1.0),
+            "LOAD" if machine => value(format!("$AA_LOAD[{component}]"), false, true, 1.0),
+            "AMPERAGE" | "AMPERAGE_AC" | "AMPERAGE_DC" if machine => value(format!("$AA_CURR[{component}]"), true, true, 1.0),
+            "WATTAGE" if machine => value(format!("$AA_POWER[{component}]"), true, true, 1.0),
+            "TORQUE" if machine => value(format!("$AA_TORQUE[{component}]"), true, true, 1.0),
+            // Which analog input a sensor is wired to is the machine's.
+            "LINEAR_FORCE" => value("$A_INA[1]".into(), false, true, 1.0),
+            "PRESSURE" => value("$A_INA[2]".into(), false, true, 1.0),
+            "FILL_LEVEL" => value("$A_INA[3]".into(), false, true, 1.0),
+            "TEMPERATURE" if component == "COOLANT" => value("$A_INA[4]".into(), false, true, 1.0),
+            "FLOW" => value("$A_INA[5]".into(), false, true, 1.0),
+            "DISPLACEMENT" => value("$TC_DP12[$P_TOOLNO,1]".into(), false, false, 1.0),
+            "ACCELERATION" if axis => Reading::Nothing("$AA_ACC is the limit and not the actual acceleration"),
+            "ACCELERATION" | "SOUND_LEVEL" | "TEMPERATURE" => Reading::Outside("a sensor of its own beside the control"),
+            "CUTTING_SPEED" | "ANGULAR_ACCELERATION" => {
+                Reading::Outside("it is derived from the spindle's speed beside the control")
+            }
+            _ => Reading::Nothing("no source for it is known on this control"),
+        }
+    }
+
+    fn before_reading(&self, text: &str) -> Option<&'static str> {
+        text.contains('$').then_some("STOPRE")
+    }
+
+    fn start_timer(&self, timer: usize) -> Vec<String> {
+        vec![format!("$AC_TIMER[{}]=0", timer + 1)]
+    }
+
+    fn log(&self, items: &[Item], sheet: &mut Sheet<'_>) -> Result<bool, Refusal> {
+        let mut text = String::new();
+        let mut values = false;
+        for item in items {
+            match item {
+                Item::Text(words) => text += &format!("{} ", sheet.short(words, 150)),
+                Item::Value(name, source) => {
+                    values |= source.text.contains('$');
+                    text += &format!("{name}=\"<<{}<<\" ", source.in_records(("(", ")")));
+                }
+            }
+        }
+        if values {
+            sheet.line("STOPRE");
+        }
+        sheet.line(&format!("WRITE(TM_ERROR,\"TM_LOG\",\"{}\")", text.trim_end()));
+        Ok(true)
+    }
+
+    fn tool_data(&self, tool: Option<u32>) -> Option<Vec<(&'static str, Reading)>> {
+        let number = tool.map_or("$P_TOOLNO".to_owned(), |number| number.to_string());
+        Some(vec![
+            ("NUMBER", Reading::Value(Source::of(number.clone()))),
+            ("LENGTH", Reading::Value(Source::of(format!("$TC_DP3[{number},1]")))),
+            ("WEAR", Reading::Value(Source::of(format!("$TC_DP12[{number},1]")))),
+        ])
+    }
+    fn recorder(&self) -> &'static str {
+        BESIDE
+    }
+    fn polls(&self) -> bool {
+        false
+    }
+    fn checks(&self) -> bool {
+        false
+    }
+
+    fn function(&self, function: &Function, sheet: &mut Sheet<'_>) -> Result<Option<Verdict>, Refusal> {
+        Ok(match &function.call {
+            Call::GetTime { label } => {
+                let mut reason = "date and time of the control to the second, quality derived".to_owned();
+                if let Some(name) = &function.variable {
+                    let number = sheet.variable(name);
+                    let variable = self.variable(number)?;
+                    sheet.line("STOPRE");
+                    sheet.line(&format!("{variable}=$AC_CYCLE_TIME*1000"));
+                    reason += "; the variable holds milliseconds since the program began";
+                }
+                let label = sheet.short(label.as_deref().unwrap_or_default(), 100);
+                sheet.line("STOPRE");
+                sheet.line(&format!(
+                    "WRITE(TM_ERROR,\"TM_LOG\",\"TIME {label} \"<<$A_YEAR<<\"-\"<<$A_MONTH<<\"-\"<<$A_DAY<<\" \"<<$A_HOUR<<\":\"<<$A_MINUTE<<\":\"<<$A_SECOND)"
+                ));
+                Some(Verdict::between_blocks(false, reason))
+            }
+            Call::SetAlarm(alarm) => {
+                sheet.line(&format!("SETAL({})", 65_000 + u32::from(alarm.id)));
+                Some(Verdict::native(
+                    false,
+                    format!(
+                        "what it does ({}) is set by the class of the alarm's number",
+                        alarm.reaction.word()
+                    ),
+                ))
+            }
+            Call::DisplayMessage { text } => {
+                let text = sheet.short(text, 120);
+                sheet.line(&format!("MSG(\"{text}\")"));
+                Some(Verdict::native(false, "shown until the next message"))
+            }
+            Call::SetEditAccessLevel { .. } => Some(Verdict::external(
+                "edit protection is an attribute of the file or $MM_USER_CLASS_WRITE_PROGRAM for all programs, not a part's",
+            )),
+            Call::StartSensorRecording(recording) => Some(start_recording(recording, self, sheet)?),
+            Call::StopSensorRecording { id } => stop_recording(&id.0, sheet),
+            Call::StartSynchronizedAction(action) => Some(start_action(action, self, sheet)?),
+            Call::StopSynchronizedAction { id } => stop_action(&id.0, sheet),
+            _ => None,
+        })
+    }
+}
+
+impl Siemens840d {
+    fn condition(&self, word: &str, condition: &Expression, sheet: &mut Sheet<'_>) -> Result<(), Refusal> {
+        let (text, verified) = spell(condition, &STYLE, self, sheet)?;
+        crate::macro_b::note_unverified(verified, sheet);
+        if text.contains('$') {
+            sheet.line("STOPRE");
+        }
+        // A number that stands for a truth: 0 is false.
+        let text = if matches!(condition, Expression::Name(_)) {
+            format!("{text}<>0")
+        } else {
+            text
+        };
+        sheet.line(&format!("{word} {text}"));
+        Ok(())
+    }
+
+    /// A loop whose condition is the machine's: each turn waits for the motion before it looks.
+    fn loop_with_stop(&self, condition: &Expression, sheet: &mut Sheet<'_>) -> Result<(), Refusal> {
+        let label = sheet.label();
+        sheet.ways.push(way(label));
+        sheet.notes.entry("loop ends".to_owned()).or_default().push(label);
+        sheet.line("LOOP");
+        let opposite = Expression::Not(Box::new(condition.clone()));
+        let opposite = crate::condition::without_not(&opposite, true);
+        let (text, verified) = spell(&opposite, &STYLE, self, sheet)?;
+        crate::macro_b::note_unverified(verified, sheet);
+        sheet.line("STOPRE");
+        sheet.line(&format!("IF {text} GOTOF TM_LABEL{label}"));
+        Ok(())
+    }
+}
+
+fn way(end: u32) -> crate::sheet::Way {
+    crate::sheet::Way {
+        other: 0,
+        end,
+        otherwise: false,
+    }
+}
+
+fn names_of_the_machine(condition: &Expression) -> bool {
+    match condition {
+        Expression::Name(name) => !matches!(trace::sensor::meaning(name), trace::sensor::Meaning::Unknown),
+        Expression::Not(inner) | Expression::Negate(inner) => names_of_the_machine(inner),
+        Expression::Binary(_, left, right) => names_of_the_machine(left) || names_of_the_machine(right),
+        Expression::Number(..) | Expression::Truth(_) => false,
+    }
+}
+
+/// A move without frames and without tool; the tool is in force again behind it.
+fn out_of_the_way(words: &str, sheet: &mut Sheet<'_>) {
+    sheet.line(words);
+    sheet.modal.motion = None;
+    if sheet.modal.length_on {
+        sheet.line("D1");
+    }
+}
+
+/// A program's name: two letters first, letters, digits and underscores, at most 24.
+fn file_name(name: &str) -> String {
+    let mut out: String = name
+        .chars()
+        .map(|c| {
+            if c.is_ascii_alphanumeric() {
+                c.to_ascii_uppercase()
+            } else {
+                '_'
+            }
+        })
+        .take(24)
+        .collect();
+    if !out.bytes().take(2).all(|b| b.is_ascii_alphabetic()) || out.len() < 2 {
+        out = format!("TM_{out}");
+        out.truncate(24);
+    }
+    out
+}
+
+fn register(change: &plan::RegisterChange, sheet: &mut Sheet<'_>) -> Result<(), Refusal> {
+    let Some(after) = change.after else { return Ok(()) };
+    let axis_factor = |axis: usize| if sheet.turning && axis == 0 { 2.0 } else { 1.0 };
+    let number = |value: f64| sheet.number(value, NUMBERS);
+    let line = match &change.register {
+        Register::WorkOffset { name, axis } => {
+            let index = match crate::control::work_number(name) {
+                Some(number) => number,
+                None => {
+                    return Err(Refusal::new(
+                        "register",
+                        format!("{name} is no work offset here"),
+                        "enter it at the machine",
+                    ));
+                }
+            };
+            let value = number(after * axis_factor(*axis))?;
+            format!("$P_UIFR[{index},{},TR]={value}", ["X", "Y", "Z"][*axis])
+        }
+        Register::ToolGeometry { tool, axis } => {
+            let parameter = match (sheet.turning, axis) {
+                (false, 2) | (true, 0) => 3,
+                (true, 2) => 4,
+                _ => 5,
+            };
+            format!("$TC_DP{parameter}[{tool},1]={}", number(after)?)
+        }
+        Register::ToolWear { tool, axis } => {
+            let parameter = match (sheet.turning, axis) {
+                (false, 2) | (true, 0) => 12,
+                (true, 2) => 13,
+                _ => 14,
+            };
+            format!("$TC_DP{parameter}[{tool},1]={}", number(after)?)
+        }
+        Register::ToolRadius { tool } => format!("$TC_DP6[{tool},1]={}", number(after)?),
+        Register::ToolRadiusWear { tool } => format!("$TC_DP15[{tool},1]={}", number(after)?),
+        Register::TipDirection { tool } => format!("$TC_DP2[{tool},1]={}", after as i64),
+        Register::Variable(number) => {
+            let text = format!("NOT POSTED: #{number} = {after}");
+            sheet.comment(&text);
+            sheet.notice("variables that the program leaves in the control (#500 and up) have no counterpart here");
+            return Ok(());
+        }
+    };
+    sheet.verify("registers written by $P_UIFR and $TC_DP");
+    sheet.line("STOPRE");
+    sheet.line(&line);
+    Ok(())
+}
+
+// ---- synchronized actions
+
+/// FIFO variables there are.
+const FIFOS: u32 = 10;
+
+/// The next marker that nothing uses.
+fn marker(sheet: &mut Sheet<'_>) -> u32 {
+    let all = sheet.notes.entry("markers".to_owned()).or_default();
+    let next = u32::try_from(all.len()).unwrap_or(u32::MAX) + 1;
+    all.push(next);
+    next
+}
+
+fn value_in_cycle(sensor: &Sensor, control: &dyn Control, turning: bool) -> Result<Source, Verdict> {
+    match control.reading(&sensor.stream(), turning) {
+        Reading::Value(source) if source.realtime => Ok(source),
+        Reading::Value(_) => Err(Verdict::external(format!("{sensor} is not in the servo cycle: {BESIDE}"))),
+        Reading::Outside(by) => Err(Verdict::external(format!("{sensor}: {by}"))),
+        Reading::Nothing(why) => Err(Verdict::refused(format!("{sensor}: {why}"))),
+    }
+}
+
+fn start_recording(recording: &Recording, control: &dyn Control, sheet: &mut Sheet<'_>) -> Result<Verdict, Refusal> {
+    let sensors = streams_of(recording)?;
+    if recording.statistic != Statistic::Last {
+        return Ok(Verdict::external(format!(
+            "a FIFO keeps values, not minimum, maximum or means: {BESIDE}"
+        )));
+    }
+    let mut sources = Vec::new();
+    for sensor in &sensors {
+        match value_in_cycle(sensor, control, sheet.turning) {
+            Ok(source) => sources.push(source),
+            Err(verdict) => return Ok(verdict),
+        }
+    }
+    let factor = match &recording.sampling {
+        Sampling::ByCycle(factor) => Some(*factor),
+        Sampling::ByTime(_) => None,
+        Sampling::ByDistance(_) | Sampling::ByPoints { .. } | Sampling::ByCount(_) => {
+            return Ok(Verdict::external(format!("samples by distance, points or count: {BESIDE}")));
+        }
+    };
+    let used = sheet.notes.entry("fifos".to_owned()).or_default();
+    let free: Vec<u32> = (1..=FIFOS).filter(|fifo| !used.contains(fifo)).take(sources.len()).collect();
+    if free.len() < sources.len() {
+        return Ok(Verdict::external(format!(
+            "{} values and {} FIFO variables are free: {BESIDE}",
+            sources.len(),
+            free.len()
+        )));
+    }
+    used.extend(&free);
+    let recordings = sheet.notes.entry("recordings".to_owned()).or_default();
+    recordings.push(0);
+    let first = 99 + 2 * u32::try_from(recordings.len()).unwrap_or(50);
+    if first > 198 {
+        return Ok(Verdict::external(format!("more than 50 recordings in one program: {BESIDE}")));
+    }
+    let pushes: Vec<String> = free
+        .iter()
+        .zip(&sources)
+        .map(|(fifo, source)| format!("$AC_FIFO{fifo}[0]={}", source.text))
+        .collect();
+    let resets: Vec<String> = free.iter().map(|fifo| format!("$AC_FIFO{fifo}[4]=0")).collect();
+    let mut ids = vec![first];
+    let verified = sources.iter().all(|source| source.verified);
+    match (&recording.sampling, factor) {
+        (_, Some(1)) => {
+            sheet.words(&resets);
+            sheet.line(&format!("ID={first} DO {}", pushes.join(" ")));
+        }
+        (_, Some(factor)) => {
+            let marker = marker(sheet);
+            // One less than the factor, so that the first sample falls in the first cycle.
+            sheet.line(&format!("{} $AC_MARKER[{marker}]={}", resets.join(" "), factor - 1));
+            sheet.line(&format!("ID={first} DO $AC_MARKER[{marker}]=$AC_MARKER[{marker}]+1"));
+            sheet.line(&format!(
+                "ID={} WHENEVER $AC_MARKER[{marker}]>={factor} DO {} $AC_MARKER[{marker}]=0",
+                first + 1,
+                pushes.join(" ")
+            ));
+            ids.push(first + 1);
+        }
+        (Sampling::ByTime(interval), _) => {
+            let timers = sheet.notes.entry("timers".to_owned()).or_default();
+            timers.push(0);
+            let timer = 3 + u32::try_from(timers.len()).unwrap_or(u32::MAX);
+            let interval = sheet.number(interval.0, NUMBERS)?;
+            sheet.line(&format!("{} $AC_TIMER[{timer}]={interval}", resets.join(" ")));
+            sheet.line(&format!(
+                "ID={first} WHENEVER $AC_TIMER[{timer}]>={interval} DO {} $AC_TIMER[{timer}]=0",
+                pushes.join(" ")
+            ));
+        }
+        _ => {}
+    }
+    let id = recording.id.0.to_ascii_lowercase();
+    sheet.notes.insert(format!("recording ids {id}"), ids);
+    sheet.notes.insert(format!("recording fifos {id}"), free);
+    sheet.notice("recordings need FIFO variables: MD28260 (number) and MD28264 (length); what a FIFO cannot hold is lost");
+    let units: Vec<String> = sensors
+        .iter()
+        .zip(&sources)
+        .filter(|(_, source)| source.factor != 1.0)
+        .map(|(sensor, source)| format!("{sensor} in the control's unit, times {}", source.factor))
+        .collect();
+    let mut reason = "as long as the FIFO holds; read out at its stop".to_owned();
+    if let Some(most) = recording.max_samples {
+        reason += &format!("; let MD28264 be {most} or more");
+    }
+    if !units.is_empty() {
+        reason += &format!("; {}", units.join(", "));
+    }
+    Ok(Verdict::native(verified, reason))
+}
+
+fn stop_recording(id: &str, sheet: &mut Sheet<'_>) -> Option<Verdict> {
+    let id = id.to_ascii_lowercase();
+    let ids = sheet.notes.remove(&format!("recording ids {id}"))?;
+    let fifos = sheet.notes.remove(&format!("recording fifos {id}")).unwrap_or_default();
+    cancel(&ids, sheet);
+    if let Some(used) = sheet.notes.get_mut("fifos") {
+        used.retain(|fifo| !fifos.contains(fifo));
+    }
+    let first = fifos.first().copied().unwrap_or(1);
+    let values: Vec<String> = fifos.iter().map(|fifo| format!("<<$AC_FIFO{fifo}[0]")).collect();
+    sheet.line("STOPRE");
+    sheet.line(&format!("WHILE $AC_FIFO{first}[4]>0"));
+    sheet.line(&format!(
+        "WRITE(TM_ERROR,\"TM_LOG\",\"RECORDING {} \"{})",
+        sheet.short(&id, 40),
+        values.join("<<\" \"")
+    ));
+    sheet.line("STOPRE");
+    sheet.line("ENDWHILE");
+    Some(Verdict::native(
+        false,
+        "taken out of the servo cycle, then written to the log",
+    ))
+}
+
+fn cancel(ids: &[u32], sheet: &mut Sheet<'_>) {
+    let ids: Vec<String> = ids.iter().map(u32::to_string).collect();
+    sheet.line(&format!("CANCEL({})", ids.join(",")));
+    sheet.verify("CANCEL");
+}
+
+fn start_action(action: &SynchronizedAction, control: &dyn Control, sheet: &mut Sheet<'_>) -> Result<Verdict, Refusal> {
+    let mut verified = true;
+    let condition = match &action.condition {
+        None => None,
+        Some(condition) => match in_action(condition, control, sheet) {
+            Ok((text, known)) => {
+                verified &= known;
+                Some(text)
+            }
+            Err(refusal) => return Ok(Verdict::external(format!("{}; {BESIDE}", refusal.message))),
+        },
+    };
+    // What the actions read is kept in parameters and written out at the stop.
+    let mut words = Vec::new();
+    let mut kept = Vec::new();
+    let mut events = Vec::new();
+    let mut alarms = Vec::new();
+    let parameter = sheet.notes.get("parameters").and_then(|p| p.last()).copied().unwrap_or(10);
+    let mut next = parameter;
+    for function in &action.actions {
+        let found = match &function.call {
+            Call::ReadSensorValue { sensor, axes } => streams(sensor, axes),
+            Call::Get(measurement) => measurement.streams(),
+            Call::SetAlarm(alarm) => {
+                alarms.push(format!("SETAL({})", 65_000 + u32::from(alarm.id)));
+                verified = false;
+                continue;
+            }
+            Call::LogEvent { kind, text, values } if values.is_empty() => {
+                events.push(format!("EVENT {kind} {}", text.clone().unwrap_or_default()));
+                continue;
+            }
+            _ => {
+                return Ok(Verdict::external(format!(
+                    "{} as an action is nothing that a synchronized action of this control does: {BESIDE}",
+                    function.name
+                )));
+            }
+        };
+        let found = found.map_err(|no| Refusal::new("sensor", no.message, "correct the sensor's name"))?;
+        for sensor in found {
+            match value_in_cycle(&sensor, control, sheet.turning) {
+                Ok(source) => {
+                    verified &= source.verified;
+                    words.push(format!("$AC_PARAM[{next}]={}", source.text));
+                    kept.push((sensor.to_string(), next));
+                    next += 1;
+                }
+                Err(verdict) => return Ok(verdict),
+            }
+        }
+    }
+    let marker = marker(sheet);
+    words.push(format!("$AC_MARKER[{marker}]=1"));
+    words.extend(alarms);
+    let number = match action.id.0.parse::<u32>() {
+        Ok(number) if (1..=99).contains(&number) => number,
+        _ => {
+            let others = sheet.notes.entry("actions".to_owned()).or_default();
+            others.push(0);
+            199 + u32::try_from(others.len()).unwrap_or(50)
+        }
+    };
+    if number > 255 {
+        return Ok(Verdict::external(format!("more synchronized actions than 255: {BESIDE}")));
+    }
+    let frequency = match action.frequency {
+        Frequency::None => "",
+        Frequency::Whenever => "WHENEVER ",
+        Frequency::From => "FROM ",
+        Frequency::When => "WHEN ",
+        Frequency::Every => "EVERY ",
+    };
+    let scope = if action.all_modes { "IDS" } else { "ID" };
+    let condition = condition.map(|text| format!("{text} ")).unwrap_or_default();
+    sheet.line(&format!("$AC_MARKER[{marker}]=0"));
+    sheet.line(&format!("{scope}={number} {frequency}{condition}DO {}", words.join(" ")));
+    sheet.notes.insert("parameters".to_owned(), vec![next]);
+    let id = action.id.0.to_ascii_lowercase();
+    sheet.notes.insert(format!("action {id}"), vec![number, marker]);
+    sheet
+        .notes
+        .insert(format!("action parameters {id}"), kept.iter().map(|(_, n)| *n).collect());
+    let texts: Vec<String> = kept.iter().map(|(name, _)| name.clone()).chain(events).collect();
+    sheet.texts.insert(format!("action {id}"), texts);
+    let mut reason = "in the servo cycle".to_owned();
+    if !kept.is_empty() {
+        reason += "; values of the last firing are kept and written out at its stop";
+    }
+    if action.all_modes {
+        reason += "; in all modes, to its stop or power-off";
+    }
+    Ok(Verdict::native(verified, reason))
+}
+
+/// A condition of the servo cycle; variables of the program are read there as `$R`.
+fn in_action(condition: &Expression, control: &dyn Control, sheet: &mut Sheet<'_>) -> Result<(String, bool), Refusal> {
+    fn real(expression: &Expression, control: &dyn Control, sheet: &mut Sheet<'_>) -> Result<bool, Refusal> {
+        Ok(match expression {
+            Expression::Name(name) => source_of(name, control, sheet)?.realtime,
+            Expression::Not(inner) | Expression::Negate(inner) => real(inner, control, sheet)?,
+            Expression::Binary(_, left, right) => real(left, control, sheet)? && real(right, control, sheet)?,
+            Expression::Number(..) | Expression::Truth(_) => true,
+        })
+    }
+    if !real(condition, control, sheet)? {
+        return Err(Refusal::new(
+            "condition",
+            "the condition has a value that is not in the servo cycle",
+            "use values of the servo cycle",
+        ));
+    }
+    spell(condition, &IN_ACTION, control, sheet)
+}
+
+fn stop_action(id: &str, sheet: &mut Sheet<'_>) -> Option<Verdict> {
+    let id = id.to_ascii_lowercase();
+    let numbers = sheet.notes.remove(&format!("action {id}"))?;
+    let [number, marker] = numbers.as_slice() else { return None };
+    let (number, marker) = (*number, *marker);
+    let parameters = sheet.notes.remove(&format!("action parameters {id}")).unwrap_or_default();
+    let texts = sheet.texts.remove(&format!("action {id}")).unwrap_or_default();
+    cancel(&[number], sheet);
+    sheet.line("STOPRE");
+    sheet.line(&format!("IF $AC_MARKER[{marker}]==1"));
+    for (place, text) in texts.iter().enumerate() {
+        let text = sheet.short(text, 100);
+        match parameters.get(place) {
+            Some(parameter) => sheet.line(&format!("WRITE(TM_ERROR,\"TM_LOG\",\"{text}=\"<<$AC_PARAM[{parameter}])")),
+            None => sheet.line(&format!("WRITE(TM_ERROR,\"TM_LOG\",\"{text}\")")),
+        }
+    }
+    sheet.line(&format!("$AC_MARKER[{marker}]=0"));
+    sheet.line("ENDIF");
+    Some(Verdict::native(
+        false,
+        "taken out of the servo cycle; what it kept is written to the log",
+    ))
+}
