@@ -459,7 +459,7 @@ impl TextSender {
         for k in 0..3 {
             let position = set_point.position[k] - if k == 2 { f64::from(length) } else { 0.0 };
             let pulses = libm::round(position * PULSES_PER_MM);
-            if !(pulses.abs() <= f64::from(i32::MAX)) {
+            if pulses.is_nan() || pulses.abs() > f64::from(i32::MAX) {
                 return Err(TextRefusal::Position { step: set_point.step });
             }
             self.losses.position = self.losses.position.max((position - pulses / PULSES_PER_MM).abs());
