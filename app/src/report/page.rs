@@ -80,6 +80,24 @@ fn head(out: &mut String, page: &Page<'_>, title: &str) {
     fact("samples", &format!("{}, {} unmatched", report.samples, report.unmatched));
     fact("runs", &format!("{} feed, {} rapid", report.feed_runs, report.rapid_runs));
     fact("tolerance", &tolerance);
+    if let Some(driven) = page.driven {
+        let three = |v: [f64; 3]| v.map(|mm| format!("{mm:.4}")).join(", ");
+        fact("driven over", &driven.controller);
+        fact(
+            "following error X, Y, Z",
+            &format!("at most {} mm", three(driven.following_error_max_mm)),
+        );
+        fact("its rms in motion", &format!("{} mm", three(driven.following_error_rms_mm)));
+        fact(
+            "buffer in motion",
+            &format!("{} at least, {:.0} ms on average", driven.fewest(), driven.buffer_mean_ms),
+        );
+        fact("late ticks", &format!("{} in {} gaps", driven.late_ticks, driven.late_gaps));
+        fact(
+            "starved, link cut",
+            &format!("{} times, {} times", driven.starvations, driven.link_cuts),
+        );
+    }
     out.push_str("</dl>");
 }
 

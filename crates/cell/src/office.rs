@@ -198,7 +198,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
                 }
                 self.commands += 1;
             }
-            if self.asked.is_some() || self.source_over || self.pending.len() >= PENDING {
+            if self.asked.is_some() || self.source_over || self.pending.len() >= PENDING || !self.source.is_ready() {
                 return;
             }
             match self.source.next(self.answer.take()) {

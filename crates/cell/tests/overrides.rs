@@ -10,7 +10,7 @@ mod path;
 mod program;
 
 use cell::sink::Kept;
-use cell::{Ended, Operator, World, WorldConfig};
+use cell::{Approach, Ended, Operator, Restarted, World, WorldConfig};
 use machine::{MachineParameters, Overrides, Request, Sample};
 use motion::{Limits, Trajectory};
 use path::PathIndex;
@@ -216,4 +216,76 @@ fn whatever_is_asked_in_whatever_moment_the_path_is_kept_and_the_end_is_reached(
             }
         }
     }
+}
+
+/// Stops a random program at a random moment, takes it up again at the step it was on, and gives the way back to the path and the rest.
+fn stop_and_restart(seed: u64) {
+    let mut dice = Dice::new(seed ^ 0x5_7031);
+    let program = random_program(&mut dice);
+    let mut right = Kept::default();
+    let planned = world(&program, true).run(&mut right);
+    let path = PathIndex::new(right.samples.iter().map(|s| s.commanded));
+    let end = right.samples.last().expect("it ran").commanded;
+
+    let mut stopped = Kept::default();
+    let mut first = world(&program, true);
+    let early = first.advance(1 + dice.up_to(planned.ticks.0.saturating_sub(200)), &mut stopped);
+    assert_eq!(early, None, "SEED={seed}");
+    first.request(Request::Stop);
+    let outcome = first.run(&mut stopped);
+    let last = *stopped.samples.last().expect("it ran");
+    if outcome.ended == Ended::Completed || last.step.0 == 0 {
+        // The stop came before the first step, or in the cycle of the last one.
+        return;
+    }
+    assert_eq!(outcome.ended, Ended::Stopped(machine::StopCause::Asked), "SEED={seed}");
+    assert!(path.distance(last.commanded) < 0.002, "SEED={seed}");
+
+    let config = WorldConfig {
+        position: Point::from_xyz(last.commanded),
+        ..config()
+    };
+    let approach = Approach {
+        axis: 2,
+        free: Millimetres(80.0),
+        clearance: Millimetres(2.0),
+        feed: MmPerSec(10.0),
+    };
+    let stream = Box::new(Listed(program.0.clone(), 0));
+    let restarted = Restarted::new(stream, last.step, approach, &mut |_| plan::Answer::Unknown).expect("the step exists");
+    let source = Trajectory::new(Box::new(restarted), config.position, limits(&config.machine, true));
+    let mut kept = Kept::default();
+    let outcome = World::new(config, source).expect("a sound machine").run(&mut kept);
+    assert_eq!(outcome.ended, Ended::Completed, "SEED={seed}: restart at {:?}", last.step);
+    assert_eq!(outcome.counters.off_path_stops, 0, "SEED={seed}");
+    let back = kept.samples.last().expect("it ran").commanded;
+    assert!(
+        (0..3).all(|k| (back[k] - end[k]).abs() < 1e-9),
+        "SEED={seed}: ends at {back:?}, not at {end:?}"
+    );
+    let mut on_the_path = 0u32;
+    for s in kept.samples.iter().filter(|s| s.step >= last.step && s.path_speed > 0.0) {
+        // A corner that was rounded is begun at its point: within the tolerance of rounding.
+        let off = path.distance(s.commanded);
+        assert!(off < 0.012, "SEED={seed}: {off} mm off the path at {s:?}");
+        on_the_path += 1;
+    }
+    assert!(
+        on_the_path > 0,
+        "SEED={seed}: nothing was machined after the restart at {:?}",
+        last.step
+    );
+    assert!(
+        kept.samples.iter().any(|s| s.commanded[2] > 79.9),
+        "SEED={seed}: it has to go where it is free first"
+    );
+}
+
+#[test]
+fn a_program_stopped_anywhere_is_taken_up_at_its_step_and_ends_where_it_would_have() {
+    let seeds = match std::env::var("SEED") {
+        Ok(seed) => vec![seed.parse().expect("SEED is a number")],
+        Err(_) => (1..=10).collect::<Vec<u64>>(),
+    };
+    seeds.into_iter().for_each(stop_and_restart);
 }
