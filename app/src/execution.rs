@@ -3,6 +3,7 @@
 //! The rebuild reads the record file, not the samples in memory: what the report says is what the file says.
 
 use crate::failure::Failure;
+use crate::functions::{self, Values};
 use crate::link::driving::{self, Driven};
 use crate::link::remote::{Machine, Remote};
 use crate::live::job::LiveJob;
@@ -27,6 +28,8 @@ use stepnc::twin::TwinOptions;
 use store::record::{Finished, Header, SampleRows};
 use store::segment::{Gap, Notice, Offered, Pace, Recorder, Settings, Watch};
 use store::{DataDirectory, Ending, Job, MachineFile, NewJob};
+use trace::record::{Recorder as Functions, Row, Stream};
+use trace::survey::Found;
 use units::{Millimetres, Seconds, StepId, Timestamp};
 
 /// What is to be run.
@@ -57,6 +60,8 @@ pub struct Order<'a> {
     pub drives: Drives<'a>,
     /// A person wants it to stop.
     pub stop: Option<&'a AtomicBool>,
+    /// Their level, 1 is the strongest.
+    pub level: Option<u8>,
     /// What was found at cycle start, for the report.
     pub found: Option<String>,
 }
@@ -120,7 +125,7 @@ pub struct Run {
     pub gaps: Vec<Gap>,
     /// Plan against run.
     pub rebuild: Rebuild,
-    /// What the program printed.
+    /// What the program printed, and what its functions recorded.
     pub printed: Printed,
     /// What only a run on a machine behind the link tells.
     pub driven: Option<Driven>,
@@ -188,6 +193,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
             .map(|(interval, jitter)| Thinned::new(order.start, interval, jitter, order.seed)),
         part,
         last: None,
+        values: Values::new(&directory.recording_folder(job.id), &folder, order.start, pace),
     };
     let mut told = 0;
     let (outcome, driven) = execute(order, &mut rows, &mut |now, events| {
@@ -208,8 +214,11 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         recording,
         events,
         thinned,
+        values,
         ..
     } = rows;
+    // Before the recording's folder goes: its own rows are kept and discarded in one step.
+    let values = values.end()?;
     let end = order.start.at(outcome.ticks);
     let ended = recording.end();
     tell_notices(directory, &watch, end)?;
@@ -235,7 +244,8 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
             (&written_now, job.tables())
         }
     };
-    let rebuild = rebuild(order, (program, &tables), &record_read, &outcome)?;
+    let mut rebuild = rebuild(order, (program, &tables), &record_read, &outcome)?;
+    functions::results(&events, &mut rebuild.executed);
     let printed = Printed::of(&events);
     write_down(
         order,
@@ -256,6 +266,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         files::write(&path, &printed.bytes)?;
         written.push(path);
     }
+    written.extend(values.map(|(path, _)| path));
     directory.keep_files(job.id, &written, end).map_err(shop::failure)?;
 
     let ending = if outcome.ended == Ended::Completed {
@@ -307,6 +318,14 @@ fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Re
     }
 }
 
+/// What the functions of the program come to; operations of a live job have none.
+fn functions_of(order: &Order<'_>) -> Result<Found, Failure> {
+    match order.work {
+        Work::Program(program) => functions::look(program, &order.tables),
+        Work::Live(_) => Ok(Found::default()),
+    }
+}
+
 /// Somebody stands at the simulated machine: a program stop gets its cycle start after a second.
 fn operator(drives: Drives<'_>) -> Operator {
     Operator {
@@ -333,7 +352,11 @@ fn execute_here(
         operator: operator(order.drives),
         chain: Chain::default(),
     };
-    let mut world = World::new(config, source).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
+    let found = functions_of(order)?;
+    let recorder = Functions::new(&config.machine, order.start, functions::known(order), &found);
+    let diameters = functions::diameters(&order.tables);
+    let world = World::new(config, source).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
+    let mut world = world.with_functions(&found, recorder, &diameters);
     let mut progress = Progress::new("running");
     let mut kept = 0;
     let mut stop_asked = false;
@@ -381,7 +404,13 @@ fn execute_there(
     keep: &mut Keep<'_>,
 ) -> Result<(Outcome, Driven), Failure> {
     let never = AtomicBool::new(false);
-    let office = OfficeHalf::new(source, operator(order.drives), order.start, Chain::default());
+    let recorder = Functions::new(
+        &shop::parameters(order.machine),
+        order.start,
+        functions::known(order),
+        &functions_of(order)?,
+    );
+    let office = OfficeHalf::new(source, operator(order.drives), order.start, Chain::default()).with_functions(recorder);
     let (program, name) = (order.work.hash().to_string(), machine.name.clone());
     let live = match order.work {
         Work::Program(_) => None,
@@ -438,6 +467,7 @@ struct RunRows<'p> {
     thinned: Option<Thinned>,
     part: Option<&'p mut Part>,
     last: Option<Sample>,
+    values: Values,
 }
 
 impl RecordSink for RunRows<'_> {
@@ -459,6 +489,9 @@ impl RecordSink for RunRows<'_> {
         if let Some(part) = &mut self.part {
             part.event(event);
         }
+    }
+    fn recorded(&mut self, row: &Row, stream: &Stream) {
+        self.values.take(row, stream);
     }
     fn truth(&mut self, sample: &Sample, position: [f64; 3]) {
         if let Some(part) = &mut self.part {
@@ -617,6 +650,7 @@ mod tests {
                 who: "Maria",
                 drives: Drives::World,
                 stop: None,
+                level: Some(1),
                 found: None,
             };
             let feature = Feature::TurnedDiameter {

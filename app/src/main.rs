@@ -10,6 +10,7 @@ mod cycle_start;
 mod execution;
 mod failure;
 mod files;
+mod functions;
 mod link;
 mod live;
 mod net;

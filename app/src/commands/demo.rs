@@ -351,6 +351,7 @@ impl Story<'_> {
             who: &who,
             drives: Drives::World,
             stop: None,
+            level: Some(ledger::Level::HIGHEST.number()),
             found: None,
         };
         execution::run(&order, self.directory, part)

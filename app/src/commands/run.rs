@@ -12,7 +12,7 @@ use crate::link::{address, certificates, driving, text_run};
 use crate::people::{self, Acting};
 use crate::program::{Program, machine_for, named_machine};
 use crate::survey::{Check, State, checks, minutes, survey};
-use crate::{clock, report, say, shop};
+use crate::{clock, functions, report, say, shop};
 use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
 use ledger::{Action, Hash};
@@ -65,7 +65,12 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
 
     let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
-    let all = checks(&found, travels(&machine), &tables);
+    let mut all = checks(&found, travels(&machine), &tables);
+    functions::checks(
+        &functions::look(&program, &tables)?,
+        acting.level.map(ledger::Level::number),
+        &mut all,
+    );
     if !common.json {
         all.iter().filter(|c| c.state != State::Ok).for_each(print);
     }
@@ -116,6 +121,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         who: &who,
         drives: drives_of(&driver),
         stop: Some(&stop),
+        level: acting.level.map(ledger::Level::number),
         found: edited.clone(),
     };
     let done = execute(&order, &mut directory, None)?;
@@ -292,6 +298,7 @@ pub fn tell_outcome(
             "report": done.rebuild.report,
             "printed": done.printed.lines,
             "driven": done.driven,
+            "functions": done.printed.functions,
             "by": acting.json(),
             "edited_outside": edited,
         }))?;
@@ -314,6 +321,7 @@ pub fn tell_outcome(
         for line in &done.printed.lines {
             say(&format!("  printed: {line}"));
         }
+        functions::print(&done.printed.functions);
         let folder = done.folder.display();
         say(&format!(
             "files: {folder}/as-executed.stpnc, report.html, report.json, record.parquet"

@@ -22,6 +22,7 @@ pub fn html(page: &Page<'_>) -> String {
         workingstep(&mut out, w);
     }
     printed(&mut out, page);
+    functions(&mut out, page);
     proof(&mut out, page);
     frame(&title, &out)
 }
@@ -123,6 +124,30 @@ fn printed(out: &mut String, page: &Page<'_>) {
         out,
         "<h2>Printed by the program</h2><div class='wide'><pre>{lines}</pre></div>"
     );
+}
+
+/// Records of functions that a page shows; all of them are in its JSON and in the log.
+const MOST_FUNCTIONS: usize = 500;
+
+fn functions(out: &mut String, page: &Page<'_>) {
+    let all = &page.printed.functions;
+    if all.is_empty() {
+        return;
+    }
+    out.push_str("<h2>Functions of the program</h2><div class='wide'><table><tr><th>s</th><th>function</th><th>record</th></tr>");
+    for told in all.iter().take(MOST_FUNCTIONS) {
+        let _ = write!(
+            out,
+            "<tr><td>{:.3}</td><td>{}</td><td>{}</td></tr>",
+            told.t_s,
+            escape(&told.function),
+            escape(&told.text)
+        );
+    }
+    out.push_str("</table></div>");
+    if all.len() > MOST_FUNCTIONS {
+        let _ = write!(out, "<p>and {} more: see report.json</p>", all.len() - MOST_FUNCTIONS);
+    }
 }
 
 fn table(out: &mut String, report: &Report) {
