@@ -34,8 +34,8 @@ pub struct Common {
     /// Data directory [default: $TOOLMARK_DATA, else $XDG_DATA_HOME/toolmark, else ~/.local/share/toolmark].
     #[arg(long, global = true, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// The machine: sim (mill, or lathe when the program turns), sim-mill, sim-lathe, or a machine file. Without it, machine.toml of the
-    /// data directory where there is one.
+    /// The machine: sim (mill, or lathe when the program turns), sim-mill, sim-lathe, a machine file, or tcp://HOST:PORT of a toolmark
+    /// controller (run, live). Without it, machine.toml of the data directory where there is one.
     #[arg(long, global = true, value_name = "M", default_value = "sim")]
     pub machine: String,
     /// Seed of everything random in a simulation; the same seed and start give the same bytes.
@@ -113,6 +113,13 @@ pub enum Command {
     /// Bring a backup back into an empty data directory, checked before and after.
     #[command(after_help = RESTORE_HELP)]
     Restore(RestoreArgs),
+    /// The machine side of the set-point link, a process of its own: toolmark run --machine tcp://HOST:PORT drives it. Ctrl-C stops the
+    /// machine on its path and ends.
+    #[command(after_help = CONTROLLER_HELP)]
+    Controller(ControllerArgs),
+    /// A job from a CAM add-in, one operation at a time over a socket, cut while more is coming; no file passes between.
+    #[command(after_help = LIVE_HELP)]
+    Live(LiveArgs),
     /// Keep a job's records whatever their age, or release them again; who and why is recorded.
     #[command(override_usage = "toolmark hold <JOB> --reason <TEXT>\n       toolmark hold <JOB> --release --reason <TEXT>")]
     Hold(HoldArgs),
@@ -133,6 +140,67 @@ pub enum Command {
     Machine(MachineCommand),
 }
 
+const CONTROLLER_HELP: &str = "\
+One realtime thread wakes up each millisecond. With SCHED_FIFO, locked memory and a processor of its own it is punctual; what the system
+refuses of it is said at the start, and how late it was at the end.
+On an address that other computers reach, both sides prove who they are: certificate, key and authority in [link] of the machine file.
+  toolmark controller --machine mill-3.toml          then, elsewhere: toolmark run part.stpnc --machine tcp://127.0.0.1:7450";
+
+/// `toolmark controller`
+#[derive(Debug, Args)]
+pub struct ControllerArgs {
+    /// Port; 0 is any free one, and the first line says which [default: the machine file's, else 7450].
+    #[arg(long, value_name = "N")]
+    pub port: Option<u16>,
+    /// Address to listen on. Any but this computer's own needs certificates.
+    #[arg(long, value_name = "IP", default_value = "127.0.0.1")]
+    pub listen: std::net::IpAddr,
+    /// What is spoken: the default link, or the published text protocol.
+    #[arg(long, value_enum, default_value_t = LinkName::Default)]
+    pub link: LinkName,
+    /// Text protocol: port of the driving side that the controller's reports go to [default: the machine file's, else 7451].
+    #[arg(long, value_name = "N")]
+    pub report_port: Option<u16>,
+    /// Text protocol: keep a record of each time from M1 to M0 here; toolmark rebuild holds it against its plan.
+    #[arg(long, value_name = "DIR")]
+    pub record: Option<PathBuf>,
+    /// A gamepad as control pad: its device, /dev/input/event...
+    #[arg(long, value_name = "DEVICE")]
+    pub pad: Option<PathBuf>,
+}
+
+/// What is spoken between a planner and a machine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum LinkName {
+    /// Checked, resumable, with every sample coming back.
+    #[default]
+    Default,
+    /// The published protocol of lines.
+    Text,
+}
+
+const LIVE_HELP: &str = "\
+Each line is one JSON object: connect, operation, start, hold, resume, stop, end; docs/live-job.md tells all of it. Afterwards the job is as
+one from a file: plan.stpnc, as-executed.stpnc, report and record.
+  toolmark live --machine tcp://127.0.0.1:7450
+  echo '{\"connect\":{\"client\":\"me\",\"job\":\"plate\"}}' | nc 127.0.0.1 7460";
+
+/// `toolmark live`
+#[derive(Debug, Args)]
+pub struct LiveArgs {
+    /// Where the add-in connects to, on this computer; port 0 is any free one, and the first line says which.
+    #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:7460")]
+    pub listen: std::net::SocketAddr,
+    /// Also put the results here [default: the job's folder in the data directory].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Verdict: deviation allowed where an operation gives none, mm.
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    pub tolerance: Option<f64>,
+    /// The file of a machine behind tcp:// [default: machine.toml of the data directory, else the simulated machine].
+    #[arg(long, value_name = "F.toml")]
+    pub machine_file: Option<PathBuf>,
+}
 const OPERATOR_HELP: &str = "\
 Until the first operator is made, whoever sits here acts as `local`, level 1. From then on a change needs an operator: --operator NAME, or
 an operator with the name of the system's user. Who is neither is not signed in: look, STOP and feed hold only. Only levels 1 and 2 give
@@ -448,6 +516,15 @@ pub struct RunArgs {
     /// Verdict: deviation allowed where the program gives none, mm.
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
+    /// The file of a machine behind tcp:// [default: machine.toml of the data directory, else the simulated machine].
+    #[arg(long, value_name = "F.toml")]
+    pub machine_file: Option<PathBuf>,
+    /// With tcp://: what is spoken, the default link or the published text protocol.
+    #[arg(long, value_enum, default_value_t = LinkName::Default)]
+    pub link: LinkName,
+    /// Text protocol: port on which the controller's reports are listened for [default: the machine file's, else 7451].
+    #[arg(long, value_name = "N")]
+    pub report_port: Option<u16>,
     /// A program that was edited outside since its last edit or run here: warn, or refuse it [default: the machine file's, else warn].
     /// Against a machine file that refuses, `warn` takes level 3 and --reason.
     #[arg(long, value_name = "POLICY", value_enum)]

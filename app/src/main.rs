@@ -5,10 +5,14 @@
 mod cli;
 mod clock;
 mod commands;
+mod controller;
 mod cycle_start;
 mod execution;
 mod failure;
 mod files;
+mod functions;
+mod link;
+mod live;
 mod net;
 mod people;
 mod planned_time;
@@ -73,6 +77,8 @@ fn run(cli: &Cli) -> u8 {
         Command::Trace(args) => commands::trace::trace(args, common),
         Command::Backup(args) => commands::backup::backup(args, common),
         Command::Restore(args) => commands::backup::restore(args, common),
+        Command::Controller(args) => commands::controller::controller(args, common),
+        Command::Live(args) => commands::live::live(args, common),
         Command::Hold(args) => commands::hold::hold(args, common),
         Command::Size(command) => commands::size::size(command, common),
         Command::Operator(command) => commands::operator::operator(command, common),

@@ -66,6 +66,7 @@ pub fn parameters(machine: &MachineFile) -> MachineParameters {
     }
     parameters.spindle.highest = machine.spindle.max;
     parameters.tool_change = machine.tool_change;
+    parameters.late_ticks_allowed = machine.late_ticks_allowed;
     parameters
 }
 

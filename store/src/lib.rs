@@ -16,6 +16,7 @@ mod catalogue;
 mod directory;
 mod error;
 mod events;
+pub mod functions;
 mod holds;
 mod jobs;
 mod kept;

@@ -16,7 +16,9 @@ use crate::source::CommandSource;
 use ledger::{Chain, Event, Hash};
 use machine::{Counters, MachineParameters, PadState, ParameterError, Plant, Quality, RealtimeHalf, Request, Sample};
 use serde_json::json;
-use units::{Machine, Point, Seconds, Tick, Timestamp};
+use trace::record::{Recorder, Row, Stream};
+use trace::survey::Found;
+use units::{Machine, Millimetres, Point, Seconds, Tick, Timestamp, ToolNumber};
 
 /// What a world is made of.
 #[derive(Clone, Debug, PartialEq)]
@@ -123,6 +125,23 @@ impl<'a, S: CommandSource> World<'a, S> {
         })
     }
 
+    /// Does what the functions of the program say: its conditions are loaded into the machine, its recordings go to the sink.
+    ///
+    /// `found` is what a look through the program gave, and what `recorder` was made with. Conditions that find no place are told when
+    /// their turn comes.
+    pub fn with_functions(mut self, found: &Found, recorder: Recorder, diameters: &[(ToolNumber, Millimetres)]) -> Self {
+        for (tool, diameter) in diameters {
+            // More tools than it has places for: their cutting speeds are unavailable.
+            self.realtime.know_tool(*tool, *diameter);
+        }
+        for (_, compiled) in &found.conditions {
+            // The look through the program counted them against the machine's room already.
+            let _ = self.realtime.watches().load(&compiled.watch());
+        }
+        self.office = self.office.with_functions(recorder);
+        self
+    }
+
     /// Answers the program's questions other than the optional stop.
     pub fn answered_by(mut self, answers: Answers<'a>) -> Self {
         self.office = self.office.answered_by(answers);
@@ -174,14 +193,22 @@ impl<'a, S: CommandSource> World<'a, S> {
             if !stalled(&self.config.faults, self.now) {
                 let realtime = &mut self.realtime;
                 self.office.refill(|command| realtime.push(command));
+                if let Some(compiled) = self.office.to_load() {
+                    let number = realtime.watches().load(&compiled.watch());
+                    self.office.loaded(number);
+                }
             }
             self.realtime.tick(self.now);
             let truth = self.realtime.drive().true_position();
             while let Some(report) = self.realtime.report() {
+                while let Some(firing) = self.realtime.firing(report.sample.tick) {
+                    self.office.fired(firing);
+                }
                 if let Some(request) = self.office.receive(&report, Some(truth), &mut sink) {
                     self.realtime.request(request);
                 }
             }
+            self.office.firings_lost(self.realtime.watches().counters().lost_firings);
             self.office.reports_lost(self.realtime.lost_reports(), self.now, &mut sink);
             self.now += 1;
         }
@@ -287,5 +314,9 @@ impl RecordSink for Watched<'_> {
     }
     fn truth(&mut self, sample: &Sample, position: [f64; 3]) {
         self.sink.truth(sample, position);
+    }
+    fn recorded(&mut self, row: &Row, stream: &Stream) {
+        self.digest.recorded(row, stream);
+        self.sink.recorded(row, stream);
     }
 }

@@ -243,9 +243,9 @@ impl<'a> Judge<'a> {
             _ => [f64::NAN; 3],
         };
         let v = &mut self.verdict;
-        for k in 0..3 {
+        for (now, before) in speed.iter().zip(self.speed) {
             // Not a number where a cycle is missing: then nothing can be said.
-            let ratio = ((speed[k] - self.speed[k]) / 0.001).abs() / 3000.0;
+            let ratio = ((now - before) / 0.001).abs() / 3000.0;
             if report.orders.mode == machine::DriveMode::Follow {
                 v.acceleration = v.acceleration.max(ratio);
             }

@@ -1,5 +1,6 @@
 //! What the machine is told: set-points, one a cycle, and the switching in between.
 
+use crate::watch::WatchOrder;
 use units::{Rpm, StepId, ToolNumber, WorkingstepId};
 
 /// Where the axes shall be at one servo cycle.
@@ -53,7 +54,7 @@ impl SetPoint {
     }
 }
 
-/// One entry of the stream from planner to machine, in order of execution. Everything but a set-point is done at rest.
+/// One entry of the stream from planner to machine, in order of execution. Switching is done at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// Be here at the next cycle.
@@ -100,6 +101,13 @@ pub enum Command {
     Workingstep {
         /// Which; 0 is none.
         workingstep: WorkingstepId,
+        /// The step that says so.
+        step: StepId,
+    },
+    /// Something for the watches: takes no time, needs no rest, and happens with the set-point before it.
+    Watch {
+        /// What.
+        order: WatchOrder,
         /// The step that says so.
         step: StepId,
     },

@@ -28,6 +28,7 @@ use crate::ring::Ring;
 use crate::sample::{Quality, Sample};
 use crate::servo::{PositionLoop, within};
 use crate::state::{Event, FaultCause, HomingStage, State, StopCause, Wait, next_state};
+use crate::watch::Ordered;
 use crate::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 use admission::{is_rest, needs_rest};
 use units::{Rpm, StepId, TICK, Tick, ToolNumber, WorkingstepId};
@@ -37,6 +38,8 @@ pub const QUEUE: usize = 512;
 
 /// Commands without duration that are done in one cycle at most; more of them wait for the next.
 const INSTANT_COMMANDS: u32 = 32;
+/// Orders for watches in one cycle: those before its set-point and those behind it.
+const WATCH_ORDERS: usize = 2 * INSTANT_COMMANDS as usize;
 /// Slack of positions at admission, mm: an encoder pulse and rounding.
 const SLACK: f64 = 0.002;
 /// Impossible encoder readings in a row that are bridged; the next is a fault.
@@ -147,6 +150,8 @@ pub struct Controller {
     tool: ToolNumber,
     spindle: SpindleCommand,
     coolant: CoolantOutlets,
+    /// What the program said to its watches in this cycle.
+    watch_orders: Ring<Ordered, WATCH_ORDERS>,
     /// Both are off as long as the program is held.
     spindle_rests: bool,
     /// What a resumed program still waits for the spindle, cycles.
@@ -209,6 +214,7 @@ impl Controller {
             tool: ToolNumber(0),
             spindle: SpindleCommand::Stop,
             coolant: CoolantOutlets::default(),
+            watch_orders: Ring::new(),
             spindle_rests: false,
             restoring: 0,
             thread_waits: 0,
@@ -295,6 +301,11 @@ impl Controller {
     /// True when nothing is queued or in work: everything taken in is done, and the axes are commanded to stand.
     pub fn is_idle(&self) -> bool {
         self.queue.is_empty() && self.in_work.is_none() && self.stands()
+    }
+
+    /// The next thing that the program said to its watches in this cycle.
+    pub fn watch_order(&mut self) -> Option<Ordered> {
+        self.watch_orders.pop()
     }
 
     /// A request of a person.

@@ -5,7 +5,8 @@
 //!
 //! Read on: [`command`] for what comes in, [`sample`] for what goes out and what a record's columns are, [`state`] for the table of
 //! states, [`controller`] for stopping on the path and supervision, [`drive`] for the border to real and simulated drives, [`plant`] for
-//! the simulated ones, [`realtime`] for all of it in one cycle, [`link`] for what comes and goes over a wire.
+//! the simulated ones, [`watch`] for conditions of programs, [`realtime`] for all of it in one cycle, [`link`] for what comes and goes
+//! over a wire.
 
 #![no_std]
 
@@ -24,6 +25,7 @@ pub mod ring;
 pub mod sample;
 pub mod servo;
 pub mod state;
+pub mod watch;
 
 pub use command::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 pub use controller::{Controller, Counters, QUEUE, Request};
@@ -40,3 +42,4 @@ pub use registers::{RegisterCard, Registers};
 pub use ring::Ring;
 pub use sample::{CHANNELS, Channel, Phase, Quality, Sample};
 pub use state::{Event, FaultCause, HomingStage, State, StopCause, Wait};
+pub use watch::{WatchOrder, Watches};

@@ -16,8 +16,8 @@ use units::{Machine, Point, TICK, Tick};
 /// Integration steps in one servo cycle.
 const SUBSTEPS: u32 = 4;
 const STEP: f64 = TICK.0 / SUBSTEPS as f64;
-/// Cycles for which the drives go on without an order before they stop by themselves.
-const WATCHDOG: u64 = 8;
+/// Cycles beyond those that the controller may lose for which the drives go on without an order before they stop by themselves.
+const WATCHDOG: u64 = 3;
 /// Noise of reported loads, percent rms: 5 quanta of the record.
 const LOAD_NOISE: f64 = 0.5;
 /// Noise of reported currents, A rms: 5 quanta of the record.
@@ -44,6 +44,7 @@ pub struct Plant {
     ordered_at: Tick,
     at: Tick,
     emergency_stop: bool,
+    watchdog: u64,
     watchdog_tripped: bool,
 }
 
@@ -109,6 +110,7 @@ impl Plant {
             ordered_at: Tick(0),
             at: Tick(0),
             emergency_stop: false,
+            watchdog: u64::from(parameters.late_ticks_allowed) + WATCHDOG,
             watchdog_tripped: false,
         }
     }
@@ -145,7 +147,7 @@ impl Plant {
 
     /// One servo cycle.
     fn cycle(&mut self) {
-        let late = self.at - self.ordered_at >= WATCHDOG && self.orders.mode == DriveMode::Follow;
+        let late = self.at - self.ordered_at >= self.watchdog && self.orders.mode == DriveMode::Follow;
         self.watchdog_tripped |= late;
         let mode = if self.emergency_stop || self.watchdog_tripped {
             // SS1 of IEC 61800-5-2: brake, then no power.

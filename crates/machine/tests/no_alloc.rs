@@ -219,6 +219,68 @@ fn homing_jog_overrides_and_tool_changes_allocate_nothing() {
 }
 
 #[test]
+fn the_realtime_end_of_the_link_allocates_nothing() {
+    use machine::link::{Entry, Follower, Order, Urgent, UrgentOrder};
+    let parameters = MachineParameters::small_machining_centre();
+    let plant = Plant::new(&parameters, Point::ORIGIN, 1);
+    let mut half = Box::new(RealtimeHalf::new(&parameters, plant, Quality::Simulated));
+    let mut follower = Box::new(Follower::new());
+    half.request(Request::PowerOn);
+    half.tick(Tick(0));
+    let session = UrgentOrder::NewSession {
+        session: 1,
+        same_plan: false,
+    };
+    let at = |n: u64| Entry {
+        command: Command::SetPoint(SetPoint {
+            position: [n as f64 * 0.01, 0.0, 0.0],
+            velocity: [10.0, 0.0, 0.0],
+            ..SetPoint::default()
+        }),
+        done: n,
+    };
+    let before = allocations();
+    follower.take_urgent(session, &mut half);
+    follower.take_urgent(UrgentOrder::Urgent(Urgent::Resume { epoch: 1, done: 0 }), &mut half);
+    for tick in 1..2_000u64 {
+        // Blocks of ten with tails of thirty; after the hundredth the sender is gone.
+        if tick % 10 == 1 && tick < 1_000 {
+            assert_eq!(
+                follower.take(
+                    Order::Block {
+                        epoch: 1,
+                        first: tick - 1
+                    },
+                    &mut half
+                ),
+                Ok(())
+            );
+            for n in tick..tick + 40 {
+                let (epoch, entry) = (1, at(n));
+                let order = if n < tick + 10 {
+                    Order::Body { epoch, entry }
+                } else {
+                    Order::Tail { epoch, entry }
+                };
+                assert_eq!(follower.take(order, &mut half), Ok(()));
+            }
+        }
+        if tick == 1_400 {
+            follower.take_urgent(UrgentOrder::LinkLost, &mut half);
+        }
+        half.tick(Tick(tick));
+        follower.after_tick(&mut half);
+        while let Some(report) = half.report() {
+            std::hint::black_box(follower.translated(report));
+        }
+    }
+    let count = allocations() - before;
+    assert_eq!((count, follower.too_late()), (0, 0));
+    let status = follower.status();
+    assert!(status.needs_resume && status.done.is_some_and(|n| n >= 1_000), "{status:?}");
+}
+
+#[test]
 fn no_source_of_the_realtime_half_names_an_allocator() {
     let mut files = 0;
     let mut folders = vec!["src".into(), "../units/src".into()];

@@ -24,6 +24,7 @@
 
 mod blend;
 mod jerk;
+mod pieces;
 mod planner;
 pub mod profile;
 mod remaining;

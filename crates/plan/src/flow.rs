@@ -45,7 +45,7 @@ pub trait StructuredProgram {
     ///
     /// # Errors
     /// The program cannot be told to its end.
-    fn next_part(&mut self) -> Result<Option<Part>, Alarm>;
+    fn next_part(&mut self) -> Result<Option<Part>, Box<Alarm>>;
 
     /// What was found wrong, odd or assumed up to here.
     fn diagnostics(&self) -> &[Diagnostic];

@@ -60,7 +60,7 @@ pub trait Control: Sync {
     /// Sets a timer to zero: of the workingstep, the operation, the program.
     fn start_timer(&self, timer: usize) -> Vec<String>;
 
-    /// Writes a line into the program's log; gives whether its words are known from a manual.
+    /// Writes a line into the program's log, and before it what its values need; gives whether its words are known from a manual.
     ///
     /// # Errors
     /// The control cannot write this.

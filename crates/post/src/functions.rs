@@ -1,7 +1,11 @@
 //! Traceability functions on a control: what it has of its own first, then what plain variables, its log and checks between blocks can
 //! do, else a recorder beside it. Each gets a grade; nothing is native that the reference does not name.
 
+mod around;
+mod checks;
+
 use crate::grade::{Grade, Row, Verdict};
+use crate::letters::pieces;
 use crate::posting::Posting;
 use crate::sheet::Refusal;
 use crate::statement::Statement;
@@ -11,6 +15,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use trace::functions::{Frequency, Recording, SynchronizedAction};
 use trace::sensor::{Sensor, Statistic, streams};
 use trace::{Call, Function};
+
+/// Longest text, and most values, in a line of a log.
+const LONGEST_TEXT: usize = 60;
+const MOST_VALUES: usize = 3;
 
 /// How a program comes by a value.
 #[derive(Clone, Debug, PartialEq)]
@@ -153,7 +161,7 @@ impl Posting<'_, '_> {
         Ok(())
     }
 
-    fn count(&mut self, name: &str, verdict: &Verdict) {
+    pub(super) fn count(&mut self, name: &str, verdict: &Verdict) {
         let known = self.found.functions.iter_mut().find(|row| {
             row.name == name && row.grade == verdict.grade && row.reason == verdict.reason && row.verified == verdict.verified
         });
@@ -176,7 +184,7 @@ impl Posting<'_, '_> {
         });
     }
 
-    fn written(&mut self, function: &Function) -> Result<Verdict, Refusal> {
+    pub(super) fn written(&mut self, function: &Function) -> Result<Verdict, Refusal> {
         self.asks_for_time(function);
         if let Some(verdict) = self.control.function(function, &mut self.sheet)? {
             self.remember(function, &verdict);
@@ -318,16 +326,12 @@ impl Posting<'_, '_> {
 
     // ---- the log
 
-    fn logged(&mut self, items: &[Item], reason: &str) -> Result<Verdict, Refusal> {
+    pub(super) fn logged(&mut self, items: &[Item], reason: &str) -> Result<Verdict, Refusal> {
         self.begin_log();
-        for item in items {
-            if let Item::Value(_, source) = item {
-                for line in &source.before {
-                    self.sheet.line(line);
-                }
-            }
+        let mut by_log = true;
+        for line in self.lines_of(items) {
+            by_log &= self.control.log(&line, &mut self.sheet)?;
         }
-        let by_log = self.control.log(items, &mut self.sheet)?;
         let known = items.iter().all(|item| match item {
             Item::Value(_, source) => source.verified,
             Item::Text(_) => true,
@@ -336,6 +340,34 @@ impl Posting<'_, '_> {
             by_log && known,
             format!("{reason}written by the program when its block is read"),
         ))
+    }
+
+    /// Long text and many values in as many lines as they take: the line of a control is short.
+    fn lines_of(&self, items: &[Item]) -> Vec<Vec<Item>> {
+        let mut lines: Vec<Vec<Item>> = vec![Vec::new()];
+        let mut values = 0;
+        for item in items {
+            match item {
+                Item::Text(text) => {
+                    let text = self.sheet.paper().letters.write(text);
+                    for (k, piece) in pieces(&text, LONGEST_TEXT).into_iter().enumerate() {
+                        if k > 0 {
+                            lines.push(Vec::new());
+                        }
+                        lines.last_mut().expect("there is one").push(Item::Text(piece));
+                    }
+                }
+                Item::Value(..) => {
+                    if values == MOST_VALUES {
+                        values = 0;
+                        lines.push(Vec::new());
+                    }
+                    values += 1;
+                    lines.last_mut().expect("there is one").push(item.clone());
+                }
+            }
+        }
+        lines
     }
 
     fn begin_log(&mut self) {
@@ -364,7 +396,7 @@ impl Posting<'_, '_> {
                 Reading::Nothing(why) => return Ok(Verdict::refused(format!("{sensor}: {why}"))),
             }
         }
-        self.into_variable(function, &items)?;
+        self.fill_variable(function, &items)?;
         self.logged(&items, "")
     }
 
@@ -372,7 +404,7 @@ impl Posting<'_, '_> {
         match self.control.reading(stream, self.options.turning) {
             Reading::Value(source) => {
                 let items = [Item::Value(label.to_owned(), source)];
-                self.into_variable(function, &items)?;
+                self.fill_variable(function, &items)?;
                 self.logged(&items, "")
             }
             Reading::Outside(by) => Ok(Verdict::external(by)),
@@ -381,7 +413,7 @@ impl Posting<'_, '_> {
     }
 
     /// The variable that a function asks for gets its value.
-    fn into_variable(&mut self, function: &Function, items: &[Item]) -> Result<(), Refusal> {
+    fn fill_variable(&mut self, function: &Function, items: &[Item]) -> Result<(), Refusal> {
         let Some(variable) = &function.variable else { return Ok(()) };
         let mut sources = items.iter().filter_map(|item| match item {
             Item::Value(_, source) => Some(source),
@@ -403,7 +435,7 @@ impl Posting<'_, '_> {
     }
 
     /// A variable gets the value of a source, spelled as `text`.
-    fn assign(&mut self, variable: &str, source: &Source, text: &str) {
+    pub(super) fn assign(&mut self, variable: &str, source: &Source, text: &str) {
         for line in &source.before {
             self.sheet.line(line);
         }
@@ -414,7 +446,7 @@ impl Posting<'_, '_> {
         self.sheet.line(&line);
     }
 
-    fn tool_log(&mut self, tool: Option<u32>) -> Result<Verdict, Refusal> {
+    pub(super) fn tool_log(&mut self, tool: Option<u32>) -> Result<Verdict, Refusal> {
         let Some(values) = self.control.tool_data(tool) else {
             return Ok(Verdict::external(format!(
                 "the tool table is no variable of the program: {}",
@@ -448,357 +480,6 @@ impl Posting<'_, '_> {
             return Ok(());
         }
         self.tool_log(None).map(|_| ())
-    }
-
-    // ---- between blocks
-
-    fn poll(&mut self, recording: &Recording, recorder: &str) -> Result<Verdict, Refusal> {
-        if !self.control.polls() {
-            return Ok(Verdict::external(recorder));
-        }
-        let streams = streams_of(recording)?;
-        let mut values = Vec::new();
-        for sensor in streams {
-            match self.control.reading(&sensor.stream(), self.options.turning) {
-                Reading::Value(source) if recording.statistic == Statistic::Last => values.push((sensor, source)),
-                Reading::Value(_) => {
-                    return Ok(Verdict::external(format!(
-                        "minimum, maximum and means are taken in the servo cycle: {recorder}"
-                    )));
-                }
-                Reading::Outside(by) => return Ok(Verdict::external(format!("{sensor}: {by}"))),
-                Reading::Nothing(why) => return Ok(Verdict::refused(format!("{sensor}: {why}"))),
-            }
-        }
-        let verified = values.iter().all(|(_, source)| source.verified);
-        let workplans = self.workplans();
-        self.tracing
-            .checks
-            .insert(key(&recording.id.0), Check::Poll { values, workplans });
-        self.found.logs = true;
-        self.check_now(&key(&recording.id.0))?;
-        Ok(Verdict::between_blocks(
-            verified,
-            format!(
-                "one sample about every {} moves and at the ends of paths instead of the sampling asked for",
-                self.options.check_every
-            ),
-        ))
-    }
-
-    fn check(&mut self, action: &SynchronizedAction) -> Result<Verdict, Refusal> {
-        let recorder = self.control.recorder();
-        if !self.control.checks() {
-            return Ok(Verdict::external(format!(
-                "conditions are checked in the servo cycle outside the program: {recorder}"
-            )));
-        }
-        // Look first, so that a check that cannot be written leaves nothing behind.
-        if let Some(condition) = &action.condition
-            && let Err(refusal) = self.readable(condition)
-        {
-            return Ok(Verdict::external(format!("{}; {recorder}", refusal.message)));
-        }
-        for function in &action.actions {
-            if let Some(why) = self.not_between_blocks(function) {
-                return Ok(Verdict::external(format!("{} as an action: {why}", function.name)));
-            }
-        }
-        self.tracing.counted += 1;
-        let number = self.tracing.counted;
-        for flag in flags(action.frequency, number) {
-            let value = Expression::Number(0.0, None);
-            self.sheet.variable(&flag);
-            self.control.write(
-                &Statement::Assign {
-                    variable: &flag,
-                    value: &value,
-                },
-                &mut self.sheet,
-            )?;
-        }
-        let id = key(&action.id.0);
-        self.tracing.checks.insert(
-            id.clone(),
-            Check::Action {
-                action: action.clone(),
-                number,
-            },
-        );
-        self.check_now(&id)?;
-        let scope = if action.all_modes {
-            "; only while this program runs"
-        } else {
-            ""
-        };
-        Ok(Verdict::between_blocks(
-            false,
-            format!(
-                "checked about every {} moves and at the ends of paths, when the block is read{scope}",
-                self.options.check_every
-            ),
-        ))
-    }
-
-    /// Every name of the condition has a value between blocks.
-    fn readable(&mut self, condition: &Expression) -> Result<(), Refusal> {
-        let mut names = Vec::new();
-        collect_names(Some(condition), &mut names);
-        for name in names {
-            crate::condition::source_of(&name, self.control, &mut self.sheet)?;
-        }
-        Ok(())
-    }
-
-    fn not_between_blocks(&self, function: &Function) -> Option<String> {
-        let streams = match &function.call {
-            Call::ReadSensorValue { sensor, axes } => streams(sensor, axes),
-            Call::Get(measurement) => measurement.streams(),
-            Call::SetAlarm(_) | Call::LogEvent { .. } | Call::GetTime { .. } => return None,
-            Call::LogToolData { tool: None } => return None,
-            Call::DisplayMessage { .. } => return None,
-            _ => return Some("not between blocks of a program".to_owned()),
-        };
-        let streams = match streams {
-            Ok(streams) => streams,
-            Err(no) => return Some(no.message),
-        };
-        streams
-            .iter()
-            .find_map(|stream| match self.control.reading(&stream.stream(), self.options.turning) {
-                Reading::Value(_) => None,
-                Reading::Outside(why) | Reading::Nothing(why) => Some(format!("{stream}: {why}")),
-            })
-    }
-
-    /// Looks at everything that is looked at between blocks.
-    pub(crate) fn check_between_blocks(&mut self) -> Result<(), Refusal> {
-        let ids: Vec<String> = self.tracing.checks.keys().cloned().collect();
-        ids.iter().try_for_each(|id| self.check_now(id))
-    }
-
-    fn check_now(&mut self, id: &str) -> Result<(), Refusal> {
-        match self.tracing.checks.get(id).cloned() {
-            None => Ok(()),
-            Some(Check::Poll { values, .. }) => {
-                let mut items = vec![Item::Text(format!("RECORDING {id}"))];
-                items.extend(
-                    values
-                        .into_iter()
-                        .map(|(sensor, source)| Item::Value(sensor.stream(), source)),
-                );
-                self.logged(&items, "").map(|_| ())
-            }
-            Some(Check::Action { action, number }) => self.check_action(&action, number),
-        }
-    }
-
-    /// The table of frequencies, in statements that every control has.
-    fn check_action(&mut self, action: &SynchronizedAction, number: u32) -> Result<(), Refusal> {
-        let flag = flags(action.frequency, number).pop().unwrap_or_default();
-        let is = |value: f64| {
-            Expression::Binary(
-                Operator::Equal,
-                Box::new(Expression::Name(flag.clone())),
-                Box::new(Expression::Number(value, None)),
-            )
-        };
-        let set = |posting: &mut Self, value: f64| {
-            let value = Expression::Number(value, None);
-            let assign = Statement::Assign {
-                variable: &flag,
-                value: &value,
-            };
-            posting.control.write(&assign, &mut posting.sheet)
-        };
-        let condition = action.condition.clone().unwrap_or(Expression::Truth(true));
-        match action.frequency {
-            Frequency::None => self.actions(action),
-            Frequency::Whenever => {
-                self.say(&Statement::If(&condition))?;
-                self.actions(action)?;
-                self.say(&Statement::EndIf)
-            }
-            Frequency::When => {
-                // The flag first: once it has fired the condition is no longer looked at.
-                self.say(&Statement::If(&is(0.0)))?;
-                self.say(&Statement::If(&condition))?;
-                set(self, 1.0)?;
-                self.actions(action)?;
-                self.say(&Statement::EndIf)?;
-                self.say(&Statement::EndIf)
-            }
-            Frequency::From => {
-                self.say(&Statement::If(&condition))?;
-                set(self, 1.0)?;
-                self.say(&Statement::EndIf)?;
-                self.say(&Statement::If(&is(1.0)))?;
-                self.actions(action)?;
-                self.say(&Statement::EndIf)
-            }
-            Frequency::Every => {
-                self.say(&Statement::If(&condition))?;
-                self.say(&Statement::If(&is(0.0)))?;
-                set(self, 1.0)?;
-                self.actions(action)?;
-                self.say(&Statement::EndIf)?;
-                self.say(&Statement::Else)?;
-                set(self, 0.0)?;
-                self.say(&Statement::EndIf)
-            }
-        }
-    }
-
-    fn say(&mut self, statement: &Statement<'_>) -> Result<(), Refusal> {
-        self.control.write(statement, &mut self.sheet)
-    }
-
-    fn actions(&mut self, action: &SynchronizedAction) -> Result<(), Refusal> {
-        for function in &action.actions {
-            self.written(function)?;
-        }
-        Ok(())
-    }
-
-    fn stopped(&mut self, id: &str) -> Verdict {
-        match self.tracing.checks.remove(&key(id)) {
-            Some(_) => Verdict::between_blocks(true, "it is looked at no more"),
-            None => Verdict::external("as its start"),
-        }
-    }
-
-    // ---- the structure around
-
-    pub(crate) fn start_timer(&mut self, timer: usize) {
-        for line in self.control.start_timer(timer) {
-            self.sheet.line(&line);
-        }
-    }
-
-    pub(crate) fn level_begins(&mut self, level: Level) {
-        let timers = self.before.as_ref().map(|known| known.timers).unwrap_or_default();
-        match level {
-            Level::Workingstep if timers[0] => self.start_timer(0),
-            Level::Operation if timers[1] => self.start_timer(1),
-            _ => {}
-        }
-    }
-
-    pub(crate) fn level_ends(&mut self, level: Level) -> Result<(), Refusal> {
-        match level {
-            Level::Toolpath => {
-                self.check_between_blocks()?;
-                for id in std::mem::take(&mut self.tracing.along_path) {
-                    let line = format!("trace:1 stop_sensor_recording its_function_id={id}");
-                    if let Ok(stop) = trace::parse(&line) {
-                        self.traced(&stop)?;
-                    }
-                }
-                Ok(())
-            }
-            Level::Workingstep => {
-                let timers = self.before.as_ref().map(|known| known.timers).unwrap_or_default();
-                if timers[0]
-                    && let Reading::Value(source) = self.control.reading("trace:ws_time", self.options.turning)
-                    && let Reading::Value(kept) = self.control.reading("trace:last_ws_time", self.options.turning)
-                {
-                    self.assign(&kept.text, &source, &source.text);
-                }
-                Ok(())
-            }
-            Level::Workplan => self.workplan_ends(),
-            _ => Ok(()),
-        }
-    }
-
-    /// Workplans that are open.
-    fn workplans(&self) -> usize {
-        self.levels.iter().filter(|level| **level == Level::Workplan).count()
-    }
-
-    /// A recording ends with the workplan that its start stands in.
-    fn workplan_ends(&mut self) -> Result<(), Refusal> {
-        let open = self.workplans();
-        let ends = |found: &(Function, usize)| found.1 > open && matches!(found.0.call, Call::StartSensorRecording(_));
-        let native = self.tracing.native.iter().filter(|(_, found)| ends(found));
-        let ids: Vec<String> = native.map(|(id, _)| id.clone()).collect();
-        for id in ids {
-            self.stop_by_itself(&id, "WORKPLAN")?;
-        }
-        self.tracing
-            .checks
-            .retain(|_, check| !matches!(check, Check::Poll { workplans, .. } if *workplans > open));
-        Ok(())
-    }
-
-    /// What was started and not stopped ends with the program: its stop is written, so that the control does not go on with it.
-    pub(crate) fn close_functions(&mut self) -> Result<(), Refusal> {
-        let ids: Vec<String> = self.tracing.native.keys().cloned().collect();
-        for id in ids {
-            self.stop_by_itself(&id, "PROGRAM")?;
-        }
-        self.tracing.checks.clear();
-        Ok(())
-    }
-
-    fn stop_by_itself(&mut self, id: &str, end: &str) -> Result<(), Refusal> {
-        let Some((function, _)) = self.tracing.native.remove(id) else {
-            return Ok(());
-        };
-        let line = match &function.call {
-            Call::StartSensorRecording(recording) => {
-                format!("trace:1 stop_sensor_recording its_function_id=\"{}\"", recording.id)
-            }
-            // An action of all modes outlives the program; that is what it is for.
-            Call::StartSynchronizedAction(action) if !action.all_modes => {
-                format!("trace:1 stop_synchronized_action its_id=\"{}\"", action.id)
-            }
-            _ => return Ok(()),
-        };
-        if let Ok(stop) = trace::parse(&line) {
-            self.write(&Statement::Comment(&format!("END OF THE {end}: {} {id}", function.name)))?;
-            self.control.function(&stop, &mut self.sheet)?;
-        }
-        Ok(())
-    }
-
-    /// Conditions that run along the present path.
-    fn along_path(&mut self, raw: &RawNcFunction) -> Result<(), Refusal> {
-        for (name, mode) in &raw.properties {
-            let line = format!("{name} {mode}");
-            if trace::is_line(name) || trace::is_line(mode) {
-                let line = if trace::is_line(name) { name } else { mode };
-                let function =
-                    trace::parse(line).map_err(|found| Refusal::new("trace-line", found.to_string(), "correct the line"))?;
-                if let Call::StartSensorRecording(recording) = &function.call {
-                    self.tracing.along_path.push(recording.id.0.clone());
-                }
-                self.traced(&function)?;
-            } else if name == "trace.record" {
-                let id = format!("path{}", self.sheet.own_number());
-                let every = raw.properties.get("trace.sampling").map(String::as_str).unwrap_or_default();
-                let factor: u32 = every.split_whitespace().find_map(|word| word.parse().ok()).unwrap_or(1);
-                let sensors: Vec<String> = mode.split(',').map(|sensor| alias(sensor.trim())).collect();
-                let line = format!(
-                    "trace:1 start_sensor_recording its_function_id={id} its_sensors={} its_sampling={factor}",
-                    sensors.join(",")
-                );
-                match trace::parse(&line) {
-                    Ok(function) => {
-                        self.tracing.along_path.push(id);
-                        self.traced(&function)?;
-                    }
-                    Err(found) => return Err(Refusal::new("trace-line", found.to_string(), "correct the path's condition")),
-                }
-            } else if name != "trace.sampling" {
-                self.write(&Statement::Comment(&format!("NOT POSTED ALONG THIS PATH: {line}")))?;
-                self.count(
-                    name,
-                    &Verdict::refused("no word of the vocabulary: put in by hand what the control has for it"),
-                );
-            }
-        }
-        Ok(())
     }
 }
 

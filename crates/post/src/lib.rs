@@ -26,6 +26,7 @@ mod sheet;
 pub mod source;
 pub mod statement;
 pub mod table;
+mod threading;
 
 pub use control::Control;
 pub use controls::{CONTROLS, by_name};

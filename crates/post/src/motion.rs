@@ -220,8 +220,8 @@ impl Posting<'_, '_> {
             let (start, end) = (path.at(f64::from(piece) / count), path.at(f64::from(piece + 1) / count));
             let (start_units, to) = (self.rounded(start)?, self.rounded(end)?);
             let mut from = start_units;
-            for k in 0..3 {
-                from[k] = self.at[k].unwrap_or(from[k]);
+            for (from, at) in from.iter_mut().zip(self.at) {
+                *from = at.unwrap_or(*from);
             }
             if self.axes().iter().any(|&k| k != normal && self.at[k].is_none()) {
                 return Err(Refusal::new(
@@ -337,7 +337,7 @@ impl Posting<'_, '_> {
             let length = pair[0].distance(pair[1]);
             let (from, to) = (travelled / total, (travelled + length) / total);
             travelled += length;
-            if !(to > from) {
+            if to <= from || !total.is_normal() {
                 continue;
             }
             let mut cuts = vec![from];

@@ -151,7 +151,11 @@ impl<'s> Sheet<'s> {
 
     /// Writes a line. A line that is longer than the control reads is refused at the end of the statement.
     pub fn line(&mut self, text: &str) {
-        let numbered = self.paper.numbered.then(|| format!("{} ", self.lines)).unwrap_or_default();
+        let numbered = if self.paper.numbered {
+            format!("{} ", self.lines)
+        } else {
+            String::new()
+        };
         let line = format!("{numbered}{text}");
         if line.len() > self.paper.longest && self.refused.is_none() {
             self.refused = Some(Refusal::new(

@@ -30,17 +30,17 @@ impl<S: ProgramStream> Interpreted<S> {
         }
     }
 
-    fn refused(&self, code: &'static str, what: String) -> Alarm {
-        Alarm::from(
+    fn refused(&self, code: &'static str, what: String) -> Box<Alarm> {
+        Box::new(Alarm::from(
             Diagnostic::error(code, what).remedy(
                 "post it from STEP-NC, whose conditions are kept, or post with --as-interpreted what the program does without a machine",
             ),
-        )
+        ))
     }
 }
 
 impl<S: ProgramStream> StructuredProgram for Interpreted<S> {
-    fn next_part(&mut self) -> Result<Option<Part>, Alarm> {
+    fn next_part(&mut self) -> Result<Option<Part>, Box<Alarm>> {
         loop {
             let next = self.stream.next(self.reply.take());
             if !self.as_interpreted
@@ -67,13 +67,13 @@ impl<S: ProgramStream> StructuredProgram for Interpreted<S> {
                     })));
                 }
                 Next::Ask(Question::Skip { .. }) => {
-                    return Err(Alarm::from(
+                    return Err(Box::new(Alarm::from(
                         Diagnostic::error(
                             "probing",
                             "the program probes (G31), and where it goes next is the probe's word",
                         )
                         .remedy("probe with the control's own cycles"),
-                    ));
+                    )));
                 }
                 Next::Ask(question) => {
                     if !self.as_interpreted {
@@ -86,7 +86,7 @@ impl<S: ProgramStream> StructuredProgram for Interpreted<S> {
                     self.reply = Some(Answer::Unknown);
                 }
                 Next::End => return Ok(None),
-                Next::Alarm(alarm) => return Err(alarm),
+                Next::Alarm(alarm) => return Err(Box::new(alarm)),
             }
         }
     }

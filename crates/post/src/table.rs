@@ -15,7 +15,7 @@ struct Lines {
 }
 
 impl StructuredProgram for Lines {
-    fn next_part(&mut self) -> Result<Option<Part>, Alarm> {
+    fn next_part(&mut self) -> Result<Option<Part>, Box<Alarm>> {
         let Some(kind) = self.parts.next() else { return Ok(None) };
         self.step += 1;
         Ok(Some(Part::Step(Step {

@@ -65,8 +65,8 @@ fn klartext(text: &str) -> Vec<[f64; 3]> {
             "CP" => {
                 let angle = value("IPA").expect("an angle").to_radians();
                 let (x, y) = (at[0] - centre[0], at[1] - centre[1]);
-                at[0] = centre[0] + x * angle.cos() - y * angle.sin();
-                at[1] = centre[1] + x * angle.sin() + y * angle.cos();
+                at[0] = centre[0] + x * libm::cos(angle) - y * libm::sin(angle);
+                at[1] = centre[1] + x * libm::sin(angle) + y * libm::cos(angle);
                 at[2] += value("IZ").expect("a rise");
                 ends.push(at);
             }

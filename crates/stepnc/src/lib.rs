@@ -51,6 +51,7 @@ pub mod inspect;
 pub mod levels;
 pub mod model;
 mod named;
+mod points;
 pub mod problems;
 pub mod select;
 pub mod stream;

@@ -99,8 +99,8 @@ impl Way {
         match damage {
             Damage::Bit => bytes[at] ^= 1 << self.up_to(8),
             Damage::Bytes => {
-                for k in at..at + count {
-                    bytes[k] = self.dice.next_u64() as u8;
+                for byte in &mut bytes[at..at + count] {
+                    *byte = self.dice.next_u64() as u8;
                 }
             }
             Damage::Twice => {

@@ -40,6 +40,8 @@ impl InForce {
             Command::Coolant { outlets, step } => (self.coolant, self.step) = (outlets, step),
             Command::Tool { tool, step } => (self.tool, self.step) = (tool, step),
             Command::Workingstep { workingstep, step } => (self.workingstep, self.step) = (workingstep, step),
+            // What a condition waits for is not brought about again: it runs on where it is.
+            Command::Watch { .. } => {}
             Command::Dwell { step, .. } | Command::Pause { step } | Command::ToolLength { step, .. } => self.step = step,
             Command::End { step } => {
                 (self.spindle, self.coolant, self.step) = (SpindleCommand::Stop, CoolantOutlets::default(), step);
@@ -196,6 +198,7 @@ pub fn needs_rest(command: &Command) -> bool {
         | Command::SpindleSpeed(_)
         | Command::Coolant { .. }
         | Command::Workingstep { .. }
+        | Command::Watch { .. }
         | Command::ToolLength { .. } => false,
         Command::Spindle { .. } | Command::Tool { .. } | Command::Dwell { .. } | Command::Pause { .. } | Command::End { .. } => {
             true

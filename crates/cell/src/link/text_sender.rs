@@ -70,6 +70,8 @@ pub struct Losses {
     pub coolant_later: u64,
     /// Operations with mist or coolant through the spindle, sent as coolant.
     pub outlets: u64,
+    /// Conditions of synchronized actions: the protocol has no word for them, so nobody checks them.
+    pub watches: u64,
 }
 
 impl Losses {
@@ -98,6 +100,12 @@ impl Losses {
         }
         if self.coolant_later > 0 {
             lines.push(format!("{} coolant changes waited for the next rest", self.coolant_later));
+        }
+        if self.watches > 0 {
+            lines.push(format!(
+                "{} synchronized actions are not checked: the text protocol has no word for them",
+                self.watches
+            ));
         }
         if self.outlets > 0 {
             lines.push(format!(
@@ -367,6 +375,9 @@ impl TextSender {
             Command::Dwell { cycles, .. } => self.dwell = cycles,
             Command::Workingstep { workingstep, .. } => self.split |= workingstep.0 != 0,
             Command::Pause { .. } => self.paused = true,
+            Command::Watch { order, .. } => {
+                self.losses.watches += u64::from(matches!(order, machine::WatchOrder::Start(_)));
+            }
             // Goes with the tool line, from the table of lengths.
             Command::ToolLength { .. } => {}
             Command::End { .. } => {
@@ -459,7 +470,7 @@ impl TextSender {
         for k in 0..3 {
             let position = set_point.position[k] - if k == 2 { f64::from(length) } else { 0.0 };
             let pulses = libm::round(position * PULSES_PER_MM);
-            if !(pulses.abs() <= f64::from(i32::MAX)) {
+            if pulses.is_nan() || pulses.abs() > f64::from(i32::MAX) {
                 return Err(TextRefusal::Position { step: set_point.step });
             }
             self.losses.position = self.losses.position.max((position - pulses / PULSES_PER_MM).abs());

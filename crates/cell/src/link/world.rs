@@ -245,6 +245,13 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
         self.now
     }
 
+    /// A request of a person at the sender.
+    pub fn request(&mut self, request: Request) {
+        if let Some((_, sender)) = &mut self.office {
+            sender.request(request);
+        }
+    }
+
     /// The sender, while it runs.
     pub fn sender(&self) -> Option<&LinkSender> {
         self.office.as_ref().map(|o| &o.1)

@@ -81,7 +81,8 @@ pub(super) fn needs_rest(command: &Command) -> bool {
         | Command::SpindleSpeed(_)
         | Command::ToolLength { .. }
         | Command::Coolant { .. }
-        | Command::Workingstep { .. } => false,
+        | Command::Workingstep { .. }
+        | Command::Watch { .. } => false,
         Command::Spindle { .. } | Command::Tool { .. } | Command::Dwell { .. } | Command::Pause { .. } | Command::End { .. } => {
             true
         }

@@ -128,6 +128,15 @@ impl Controller {
                 }
             }
         }
+        // What is said behind a set-point belongs to its cycle.
+        while instant < INSTANT_COMMANDS && !matches!(self.barrier, Some((0, _))) {
+            let Some(command @ Command::Watch { .. }) = self.queue.front().copied() else {
+                return;
+            };
+            instant += 1;
+            self.pop();
+            self.begin(command);
+        }
     }
 
     /// Nothing more can be executed here.

@@ -46,6 +46,10 @@ impl Controller {
                 self.step = step;
                 self.workingstep = workingstep;
             }
+            Command::Watch { order, step } => {
+                // One cycle takes no more than its instant commands, and each cycle hands them all on.
+                let _ = self.watch_orders.push(Ordered { order, step });
+            }
             Command::Pause { step } => {
                 self.step = step;
                 self.happen(Event::Pause);

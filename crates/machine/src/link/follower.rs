@@ -7,6 +7,7 @@
 use super::message::{Entry, Status, Urgent};
 use crate::controller::{Counters, QUEUE};
 use crate::drive::CyclicDrive;
+use crate::pad::ControlPad;
 use crate::realtime::{RealtimeHalf, Report};
 use crate::ring::Ring;
 use crate::state::{State, StopCause, Wait};
@@ -120,7 +121,7 @@ impl Follower {
     ///
     /// # Errors
     /// Gives it back when the machine does not take it now: keep it, and everything behind it, and try again.
-    pub fn take<D: CyclicDrive>(&mut self, order: Order, half: &mut RealtimeHalf<D>) -> Result<(), Order> {
+    pub fn take<D: CyclicDrive, P: ControlPad>(&mut self, order: Order, half: &mut RealtimeHalf<D, P>) -> Result<(), Order> {
         let (Order::Block { epoch, .. } | Order::Body { epoch, .. } | Order::Tail { epoch, .. }) = order;
         if epoch != self.status.epoch || self.status.needs_resume {
             // The sender hears of it in the status, and sends it again from where the machine stands.
@@ -155,7 +156,7 @@ impl Follower {
     }
 
     /// Carries out what does not wait.
-    pub fn take_urgent<D: CyclicDrive>(&mut self, order: UrgentOrder, half: &mut RealtimeHalf<D>) {
+    pub fn take_urgent<D: CyclicDrive, P: ControlPad>(&mut self, order: UrgentOrder, half: &mut RealtimeHalf<D, P>) {
         match order {
             // Nobody goes on along a queue that leads nowhere, or while nobody is there to send more.
             UrgentOrder::Urgent(Urgent::Request(Request::CycleStart)) if self.status.needs_resume || self.lost => {}
@@ -194,7 +195,7 @@ impl Follower {
     }
 
     /// After each tick: brings the account up to date.
-    pub fn after_tick<D: CyclicDrive>(&mut self, half: &mut RealtimeHalf<D>) {
+    pub fn after_tick<D: CyclicDrive, P: ControlPad>(&mut self, half: &mut RealtimeHalf<D, P>) {
         self.account(half);
         if self.tail > 0 && self.marks.len() < self.tail {
             self.use_tail();
@@ -246,7 +247,7 @@ impl Follower {
     }
 
     /// Takes off the list what the machine has done or thrown away.
-    fn account<D: CyclicDrive>(&mut self, half: &RealtimeHalf<D>) {
+    fn account<D: CyclicDrive, P: ControlPad>(&mut self, half: &RealtimeHalf<D, P>) {
         let counters = half.controller().counters();
         let completed = counters.completed - self.completed;
         let discarded = counters.discarded - self.discarded;
@@ -305,7 +306,7 @@ fn since(now: &Counters, before: &Counters) -> Counters {
 }
 
 /// A controlled stop on the path; what the machine does at rest is finished first.
-fn hold<D: CyclicDrive>(half: &mut RealtimeHalf<D>) {
+fn hold<D: CyclicDrive, P: ControlPad>(half: &mut RealtimeHalf<D, P>) {
     if matches!(
         half.controller().state(),
         State::Running | State::Waiting(_) | State::Resuming

@@ -8,6 +8,7 @@ use crate::pad::{Mode, Notices};
 use crate::realtime::Report;
 use crate::sample::{Phase, Quality, Sample};
 use crate::state::{FaultCause, HomingStage, State, StopCause, Wait};
+use crate::watch::{AlarmOrder, Reaction, ResetBy, WatchCost, WatchOrder};
 use crate::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 
 wire_struct!(SetPoint {
@@ -31,7 +32,31 @@ wire_enum!(Command {
     8 = Pause { step },
     9 = End { step },
     10 = ToolLength { length, step },
+    11 = Watch { order, step },
 });
+wire_enum!(WatchOrder {
+    1 = Start(watch),
+    2 = Stop(watch),
+    3 = Alarm(order),
+    4 = OperationBegins,
+    5 = OperationEnds,
+});
+wire_enum!(AlarmOrder {
+    1 = Set { alarm, reaction, reset_by },
+    2 = Clear { alarm },
+});
+wire_enum!(Reaction {
+    0 = None,
+    1 = StopAfterOperation,
+    2 = FeedHold,
+    3 = StopNow,
+});
+wire_enum!(ResetBy {
+    0 = Function,
+    1 = Acknowledge,
+    2 = Reset,
+});
+wire_struct!(WatchCost { operations, nanoseconds });
 wire_enum!(SpindleCommand {
     0 = Stop,
     1 = Clockwise(speed),
@@ -63,6 +88,7 @@ wire_struct!(Report {
     orders,
     overrides,
     notices,
+    watches,
 });
 wire_struct!(Notices {
     emergency_stop,

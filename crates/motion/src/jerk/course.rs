@@ -6,12 +6,14 @@
 //! How far a joint reaches is decided in [`Course::settle`], as soon as enough of the path behind it is known: as far as the tolerance
 //! allows, all joints added up.
 
-use super::kernel::{EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, TURNING, easing, rounding, rounding_value, rounding_value_over, swing};
-use super::vector::{V3, add_scaled, length, minus, scaled};
-use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece, SLOWEST_SHARE};
-use plan::Path;
+use super::kernel::{
+    EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, TURNING, easing, rounding, rounding_value, rounding_value_over,
+    swing,
+};
+use super::span::{Place, Span};
+use super::vector::{V3, add_scaled, length, minus};
+use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece};
 use std::collections::VecDeque;
-use units::StepId;
 
 /// Neighbours on each side that a joint may reach: the work for a place is bounded by it.
 const REACH: usize = 24;
@@ -34,42 +36,6 @@ const HAIR: f64 = 1e-7;
 const FINER: f64 = 0.75;
 const NEARER: f64 = 0.96;
 
-/// A move of the programmed path.
-#[derive(Debug)]
-pub(super) struct Span {
-    /// Where it begins, mm along the stretch.
-    pub(super) start: f64,
-    /// Its length, mm.
-    pub(super) length: f64,
-    shape: Shape,
-    /// Fastest path speed, mm/s, and its factors as in [`Piece::feed_factors`].
-    feed: f64,
-    factors: Vec<(f64, f64)>,
-    /// No multiplier of feeds is for it.
-    locked: bool,
-    /// How far it may be left, mm.
-    tolerance: f64,
-    /// The step in whose name it is travelled.
-    pub(super) step: StepId,
-}
-
-#[derive(Debug)]
-enum Shape {
-    Line {
-        from: V3,
-        along: V3,
-    },
-    /// Circle or helix; `turn` and `rise` for each millimetre of length.
-    Round {
-        centre: V3,
-        out: V3,
-        side: V3,
-        normal: V3,
-        turn: f64,
-        rise: f64,
-    },
-}
-
 /// Where a span begins: what steps there.
 #[derive(Clone, Copy, Debug)]
 struct Joint {
@@ -79,9 +45,6 @@ struct Joint {
     sizes: [f64; 2],
     half: f64,
 }
-
-/// Place and the first three derivatives by `s`.
-pub(super) type Place = [V3; 4];
 
 /// Turns from here on (the length of the step of the tangent; 29 degrees) are corners: the machine all but stops in them.
 const CORNER: f64 = 0.5;
@@ -166,36 +129,7 @@ impl Course {
     /// Adds a move; lines and arcs only.
     pub(super) fn push(&mut self, piece: &Piece) {
         let length = piece.length;
-        let shape = match &piece.path {
-            Path::Arc(arc) if arc.radius() > 0.0 => {
-                let out = (arc.from - arc.centre).xyz;
-                Shape::Round {
-                    centre: arc.centre.xyz,
-                    out,
-                    side: arc.normal.cross(arc.from - arc.centre).xyz,
-                    normal: arc.normal.xyz,
-                    turn: arc.sweep.0 / length,
-                    rise: arc.rise / length,
-                }
-            }
-            path => {
-                let (from, to) = (path.start().xyz, path.end().xyz);
-                Shape::Line {
-                    from,
-                    along: scaled(minus(to, from), 1.0 / length),
-                }
-            }
-        };
-        let span = Span {
-            start: self.length,
-            length,
-            shape,
-            feed: piece.feed,
-            factors: piece.feed_factors.clone(),
-            locked: piece.locked || piece.rapid,
-            tolerance: piece.corner.tolerance(),
-            step: piece.step,
-        };
+        let span = Span::of(piece, self.length);
         let (turn, bend) = match self.spans.back() {
             None => ([0.0; 3], [0.0; 3]),
             Some(last) => {
@@ -347,9 +281,19 @@ impl Course {
         let off = |half: f64| {
             let mut off = [0.0; 3];
             let over = 2.0 / half;
-            for Near { d, is_corner, turn, bend } in near {
+            for Near {
+                d,
+                is_corner,
+                turn,
+                bend,
+            } in near
+            {
                 if d.abs() < half {
-                    let value = if *is_corner { swing(*d, half)[0] } else { rounding_value_over(*d, 0.5 * half, over) };
+                    let value = if *is_corner {
+                        swing(*d, half)[0]
+                    } else {
+                        rounding_value_over(*d, 0.5 * half, over)
+                    };
                     add_scaled(&mut off, *turn, value);
                     if let Some(bend) = bend {
                         add_scaled(&mut off, *bend, easing(*d, half)[0]);
@@ -442,7 +386,11 @@ impl Course {
     /// Slowest feed between two lengths, mm/s.
     pub(super) fn feed_between(&self, from: f64, to: f64, scale: f64) -> f64 {
         let first = self.span_at(from);
-        let on_the_way = self.spans.range(first..).enumerate().take_while(|(k, span)| *k == 0 || span.start < to);
+        let on_the_way = self
+            .spans
+            .range(first..)
+            .enumerate()
+            .take_while(|(k, span)| *k == 0 || span.start < to);
         let feeds = on_the_way.map(|(_, span)| {
             let (begin, end) = ((from - span.start).max(0.0), (to - span.start).min(span.length));
             span.feed_between(begin.min(span.length), end, scale)
@@ -535,73 +483,6 @@ impl Course {
         self.spans.drain(..keep);
         self.joints.drain(..keep);
         self.settled -= keep;
-    }
-}
-
-impl Span {
-    /// Place and derivatives of the programmed path, `x` mm from the start of the span.
-    fn at(&self, x: f64) -> Place {
-        match &self.shape {
-            Shape::Line { from, along } => {
-                let mut place = *from;
-                add_scaled(&mut place, *along, x);
-                [place, *along, [0.0; 3], [0.0; 3]]
-            }
-            Shape::Round {
-                centre,
-                out,
-                side,
-                normal,
-                turn,
-                rise,
-            } => {
-                let (sin, cos) = libm::sincos(turn * x);
-                let round =
-                    |a: f64, b: f64, up: f64| -> V3 { std::array::from_fn(|k| out[k] * a + side[k] * b + normal[k] * up) };
-                let mut place = round(cos, sin, rise * x);
-                add_scaled(&mut place, *centre, 1.0);
-                let (w, w2) = (*turn, turn * turn);
-                [
-                    place,
-                    round(-w * sin, w * cos, *rise),
-                    round(-w2 * cos, -w2 * sin, 0.0),
-                    round(w2 * w * sin, -w2 * w * cos, 0.0),
-                ]
-            }
-        }
-    }
-
-    /// True for a line.
-    pub(super) fn is_line(&self) -> bool {
-        matches!(self.shape, Shape::Line { .. })
-    }
-
-    /// Lowest feed between two lengths from its start, mm/s; `scale` is the multiplier of feeds.
-    pub(super) fn feed_between(&self, from: f64, to: f64, scale: f64) -> f64 {
-        if self.locked || scale == 1.0 {
-            self.programmed_between(from, to)
-        } else {
-            scale * self.programmed_between(from, to)
-        }
-    }
-
-    fn programmed_between(&self, from: f64, to: f64) -> f64 {
-        if self.factors.is_empty() {
-            return self.feed;
-        }
-        let highest = self.factors.iter().map(|f| f.1).fold(0.0, f64::max);
-        crate::smooth::slowest_feed(&self.factors, self.feed, from / self.length, to / self.length)
-            .max(SLOWEST_SHARE * highest * self.feed)
-    }
-
-    /// Lengths from its start at which its feed changes its slope.
-    pub(super) fn feed_places(&self) -> impl Iterator<Item = f64> + '_ {
-        self.factors.iter().map(|f| f.0 * self.length)
-    }
-
-    /// True when the feed is the same all along it.
-    pub(super) fn has_one_feed(&self) -> bool {
-        self.factors.is_empty()
     }
 }
 

@@ -16,8 +16,10 @@
 mod chords;
 mod course;
 mod kernel;
+mod limits;
 mod matrix;
 mod solver;
+mod span;
 mod stretch;
 mod vector;
 
@@ -56,6 +58,8 @@ pub(crate) struct JerkPlanner {
     position: [f64; 3],
     deviation: f64,
     feed_scale: f64,
+    /// How many times finer than usual the grid is.
+    pub(crate) fineness: f64,
     /// What the set-point at hand was planned for.
     planned_override: f64,
 }
@@ -76,6 +80,7 @@ impl JerkPlanner {
             position,
             deviation: 0.0,
             feed_scale: 1.0,
+            fineness: 1.0,
             planned_override: 1.0,
         }
     }
@@ -100,7 +105,7 @@ impl JerkPlanner {
         if !passable {
             self.finish();
             self.legs.push_back(Leg {
-                stretch: Stretch::new(&self.limits, self.j_max, self.feed_scale),
+                stretch: Stretch::new(&self.limits, self.j_max, self.feed_scale, self.fineness),
                 marks: VecDeque::new(),
                 end: [0.0; 3],
                 last_step: piece.step,

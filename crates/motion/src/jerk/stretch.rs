@@ -11,8 +11,10 @@ mod phase;
 mod sights;
 mod window;
 
-use super::course::{Course, Place};
-use super::solver::{Border, Interval, Search};
+use super::course::Course;
+use super::limits::{Border, Interval};
+use super::solver::Search;
+use super::span::Place;
 use super::vector::length;
 use crate::Limits;
 use crate::smooth::Piece;
@@ -69,6 +71,8 @@ pub(super) struct Stretch {
     j_max: [f64; 3],
     /// Multiplier of the programmed feeds.
     feed_scale: f64,
+    /// How many times finer than usual the grid is.
+    fineness: f64,
     sights: VecDeque<Sight>,
     grid: VecDeque<Cell>,
     /// The plan up to the second cell of the grid is given out; `false`: it begins at rest.
@@ -85,13 +89,16 @@ pub(super) struct Stretch {
 }
 
 impl Stretch {
-    pub(super) fn new(limits: &Limits, j_max: [f64; 3], feed_scale: f64) -> Stretch {
+    pub(super) fn new(limits: &Limits, j_max: [f64; 3], feed_scale: f64, fineness: f64) -> Stretch {
+        // Between the borders of a fine grid nothing happens.
+        let used = if fineness > 1.0 { 1.0 } else { USED };
         Stretch {
             course: Course::default(),
-            v_max: limits.v_max.map(|v| v.0 * USED),
-            a_max: limits.a_max.map(|a| a.0 * USED),
-            j_max: j_max.map(|j| j * USED),
+            v_max: limits.v_max.map(|v| v.0 * used),
+            a_max: limits.a_max.map(|a| a.0 * used),
+            j_max: j_max.map(|j| j * used),
             feed_scale,
+            fineness,
             sights: VecDeque::new(),
             grid: VecDeque::new(),
             moving: false,
@@ -122,7 +129,8 @@ impl Stretch {
         let stop = 0.5 * v * v / a + v * (0.5 * a / j).min(libm::sqrt(v / j));
         let needed = (6.0 * stop + 10.0) * self.patience;
         let spans = self.course.len();
-        known > needed && (known > needed + v * AHEAD || spans > SPANS_AHEAD) || spans > MOST_SPANS
+        // A reference is one window.
+        self.fineness == 1.0 && known > needed && (known > needed + v * AHEAD || spans > SPANS_AHEAD) || spans > MOST_SPANS
     }
 
     /// Makes phases of what is known, if that is enough.

@@ -124,7 +124,7 @@ impl Control for Heidenhain {
             lengths: LENGTHS,
             feeds: [plain(3), plain(4)],
             speeds: plain(3),
-            largest: 99_999.9999,
+            largest: 99_999.999_9,
             line_end: "\r\n",
             longest: 240,
             longest_comment: 100,
@@ -421,6 +421,7 @@ impl Control for Heidenhain {
             match item {
                 Item::Text(words) => add(format!("\"{} \"", sheet.short(words, 120)), sheet),
                 Item::Value(name, source) => {
+                    source.before.iter().for_each(|line| sheet.line(line));
                     let value = if source.factor == 1.0 {
                         source.text.clone()
                     } else {

@@ -23,7 +23,7 @@ impl StructuredStream {
 }
 
 impl StructuredProgram for StructuredStream {
-    fn next_part(&mut self) -> Result<Option<Part>, Alarm> {
+    fn next_part(&mut self) -> Result<Option<Part>, Box<Alarm>> {
         loop {
             if let Some((_, Said::Flow(_))) = self.stream.run.queue.front()
                 && let Some((origin, Said::Flow(flow))) = self.stream.run.queue.pop_front()
@@ -33,7 +33,7 @@ impl StructuredProgram for StructuredStream {
             match self.stream.next_said(None) {
                 Some(Next::Step(step)) => return Ok(Some(Part::Step(step))),
                 Some(Next::End) => return Ok(None),
-                Some(Next::Alarm(alarm)) => return Err(alarm),
+                Some(Next::Alarm(alarm)) => return Err(Box::new(alarm)),
                 // Nothing is asked where both ways are told; a border of the flow is first in the queue now.
                 Some(Next::Ask(_)) | None => {}
             }

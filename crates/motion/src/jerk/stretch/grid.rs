@@ -1,6 +1,6 @@
 //! The grid on which a window is solved: its intervals are as wide as the speed and the bends allow.
 
-use super::super::solver::{Border, Interval};
+use super::super::limits::{Border, Interval};
 use super::{CRUISE, Cell, FIRST, GROWTH, INTERVAL, MOST_INTERVALS, Stretch};
 
 /// Share of an interval by which two places may differ that are the same: a last digit of a coordinate must not make another grid.
@@ -31,7 +31,8 @@ impl Stretch {
         let total = end - start;
         let mut i = 0;
         let mut s = self.grid_end;
-        while s < to && self.grid.len() < MOST_INTERVALS {
+        let most = if self.fineness > 1.0 { usize::MAX } else { MOST_INTERVALS };
+        while s < to && self.grid.len() < most {
             while i + 2 < n && self.sights[i + 1].s <= s + HAIR * (self.sights[i + 1].s - self.sights[i].s) {
                 i += 1;
             }
@@ -46,7 +47,11 @@ impl Stretch {
                     break;
                 }
                 if (other.border || m + 1 == n || other.s >= to) && other.s > s {
-                    next = if other.s > next + hair { s + 0.5 * (other.s - s) } else { other.s };
+                    next = if other.s > next + hair {
+                        s + 0.5 * (other.s - s)
+                    } else {
+                        other.s
+                    };
                     break;
                 }
                 m += 1;
@@ -99,12 +104,14 @@ impl Stretch {
             let v = libm::cbrt(y);
             let v = v * v;
             let steady = (a.steady + slope * (s - a.s)).min(b.steady + slope * (b.s - s)).max(y);
-            let time = (INTERVAL * steady / y.max(1e-30)).clamp(INTERVAL, CRUISE);
-            (v * time).min(GROWTH * steady / slope).min(a.detail)
+            let interval = INTERVAL / self.fineness;
+            let time = (interval * steady / y.max(1e-30)).clamp(interval, CRUISE / self.fineness);
+            (v * time).min(GROWTH / self.fineness * steady / slope).min(a.detail)
         };
+        let rest = FIRST / self.fineness;
         let first = {
             let (a, b) = (&self.sights[0], &self.sights[1]);
-            (a.jerk.min(b.jerk) * FIRST * FIRST * FIRST / 6.0).min(total / 300.0)
+            (a.jerk.min(b.jerk) * rest * rest * rest / 6.0).min(total / 300.0)
         };
         // The last interval has a constant jerk of s, so it must not be wider than the bends there.
         let mut last = first;
@@ -121,7 +128,7 @@ impl Stretch {
         // From rest.
         let mut width = if here <= 0.0 || (s == 0.0 && !self.moving && self.grid.len() == 1) {
             let (a, b) = (&self.sights[i], &self.sights[i + 1]);
-            (a.jerk.min(b.jerk) * FIRST * FIRST * FIRST / 6.0)
+            (a.jerk.min(b.jerk) * rest * rest * rest / 6.0)
                 .min(total / 300.0)
                 .min(a.detail)
         } else {

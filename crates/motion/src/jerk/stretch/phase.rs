@@ -1,6 +1,6 @@
 //! A part of the planned motion: how the path goes with time inside one interval of the grid, in closed form.
 
-use super::super::solver::{Begin, Interval, Window};
+use super::super::limits::{Begin, Interval, Window};
 
 /// A part of the planned motion.
 #[derive(Clone, Copy, Debug)]

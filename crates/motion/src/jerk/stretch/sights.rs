@@ -40,7 +40,7 @@ impl Stretch {
             let (shortest, sharper) = self.course.detail_at(k, s);
             let span = self.course.span(k);
             let end = span.start + span.length;
-            let mut next = (s + DETAIL * shortest).min(sharper);
+            let mut next = (s + DETAIL / self.fineness * shortest).min(sharper);
             // Also a support that begins a hair away is a step forward.
             next = next.max(s + 1e-10);
             if !span.is_line() {
@@ -65,7 +65,10 @@ impl Stretch {
                 // Into the next span: a border where the feed steps or a curve begins.
                 let stop_here = k + 1 >= self.course.len() || {
                     let other = self.course.span(k + 1);
-                    let feeds = (span.feed_between(span.length, span.length, scale), other.feed_between(0.0, 0.0, scale));
+                    let feeds = (
+                        span.feed_between(span.length, span.length, scale),
+                        other.feed_between(0.0, 0.0, scale),
+                    );
                     (feeds.0 - feeds.1).abs() > 1e-9 * feeds.0.min(feeds.1)
                         || !other.is_line()
                         || !span.is_line()
@@ -97,7 +100,7 @@ impl Stretch {
             let feed = feed.fold(f64::INFINITY, f64::min);
             let sight = self.sight(k, next, border);
             let (a, b) = (self.sights.back_mut().expect("there is one"), sight);
-            a.detail = (shortest * DETAIL).min(TURN * a.detail.min(b.detail));
+            a.detail = (shortest * DETAIL).min(TURN * a.detail.min(b.detail)) / self.fineness;
             a.cap_behind = feed * feed;
             self.sights.push_back(sight);
             s = next;

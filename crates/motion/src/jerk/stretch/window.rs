@@ -1,6 +1,7 @@
 //! A window of the grid is solved, and what the rest at its end does not slow down becomes phases.
 
-use super::super::solver::{Again, Begin, Border, COLD, Interval, Window};
+use super::super::limits::{Begin, Border, Interval, Loads, Window};
+use super::super::solver::{Again, COLD};
 use super::phase::phase;
 use super::{Cell, Stretch};
 
@@ -103,7 +104,11 @@ impl Stretch {
 
     /// The fastest motion in the window that keeps the limits between borders too.
     fn search_within(&mut self, borders: &[Border], intervals: &mut [Interval], between: &[Look], begin: Begin) {
-        let known = intervals.iter().rposition(|i| i.value > 0.0).map_or(0, |k| k + 1).max(begin.fixed());
+        let known = intervals
+            .iter()
+            .rposition(|i| i.value > 0.0)
+            .map_or(0, |k| k + 1)
+            .max(begin.fixed());
         let from_below: Vec<f64> = intervals.iter().map(|i| i.value).collect();
         let mut search = std::mem::take(&mut self.search);
         let mut window = Window {
@@ -142,7 +147,11 @@ impl Stretch {
                 let fixed = window.begin.fixed();
                 let less = 1.0 - 1.0 / libm::pow(worst, 1.5);
                 for (k, (interval, old)) in window.intervals.iter_mut().zip(&before).enumerate().skip(fixed) {
-                    let x = if fixed == 0 { 1.0 } else { ((k + 1 - fixed) as f64 / 24.0).min(1.0) };
+                    let x = if fixed == 0 {
+                        1.0
+                    } else {
+                        ((k + 1 - fixed) as f64 / 24.0).min(1.0)
+                    };
                     interval.value = old * (1.0 - (0.005 + less) * x * x * (3.0 - 2.0 * x));
                 }
                 search.run(&mut window, Again::BELOW)
@@ -223,7 +232,7 @@ impl Stretch {
         }
         let mut loads = vec![];
         let mut scale = 0.9f64;
-        let worst = |loads: &[super::super::solver::Loads], from: usize| {
+        let worst = |loads: &[Loads], from: usize| {
             let mut scale = f64::INFINITY;
             for load in &loads[from.min(loads.len())..] {
                 let jerk = load.jerk[0].max(load.jerk[1]).max(1e-30);
@@ -337,7 +346,11 @@ impl Stretch {
             let mut look = |border: &Border, time: f64| {
                 let v2 = time * time * time * time;
                 for (row, before) in border.jerk.iter().zip(border.third_before) {
-                    let row = if row[0].abs() > before.abs() { *row } else { [before, row[1], row[2]] };
+                    let row = if row[0].abs() > before.abs() {
+                        *row
+                    } else {
+                        [before, row[1], row[2]]
+                    };
                     jerk = jerk.max((row[0] * v2 * time * time + row[1] * time * time * time * g + row[2] * third).abs());
                 }
                 for row in &border.acceleration {
@@ -423,8 +436,11 @@ fn loads_between(window: &Window<'_>, looks: &[Look], loads: &mut Vec<f64>) {
             for axis in 0..3 {
                 let [x, y] = look.border.acceleration[axis];
                 *worst = worst.max((x * b + y * g).abs());
+                // Beside a step both sides count: which of them this is may be rounding.
                 let [x, y, z] = look.border.jerk[axis];
-                *worst = worst.max((x * b + y * g + z * h).abs() * root);
+                for x in [x, look.border.third_before[axis]] {
+                    *worst = worst.max((x * b + y * g + z * h).abs() * root);
+                }
             }
         }
     }
