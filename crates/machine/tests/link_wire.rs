@@ -101,6 +101,7 @@ fn every_command_and_request_comes_out_as_it_went_in() {
 fn a_report_comes_out_as_it_went_in() {
     let [a, b, c, d, e, f] = NUMBERS;
     let mut report = Report {
+        watches: machine::watch::WatchCost::default(),
         sample: Sample {
             tick: Tick(u64::MAX),
             step: StepId(1),
