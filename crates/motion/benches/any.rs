@@ -22,10 +22,7 @@ struct Dice(u64);
 
 impl Dice {
     fn throw(&mut self) -> u64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         z ^ (z >> 31)
@@ -82,11 +79,7 @@ fn any(dice: &mut Dice) -> (&'static str, Program) {
     match kind {
         "lines" => {
             for _ in 0..count {
-                let z = if dice.between(0.0, 1.0) < 0.5 {
-                    0.0
-                } else {
-                    dice.between(-5.0, 5.0)
-                };
+                let z = if dice.between(0.0, 1.0) < 0.5 { 0.0 } else { dice.between(-5.0, 5.0) };
                 let to = off(&program, dice.between(-30.0, 30.0), dice.between(-30.0, 30.0), z);
                 program.line(to);
             }
@@ -179,13 +172,7 @@ fn main() -> std::process::ExitCode {
         let mut dice = Dice(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) + 1);
         let (kind, any) = any(&mut dice);
         let alike = dice.between(0.0, 1.0) < 0.5;
-        let mut each = |one: f64, list: &[f64]| -> [f64; 3] {
-            if alike {
-                [one; 3]
-            } else {
-                std::array::from_fn(|_| dice.of(list))
-            }
-        };
+        let mut each = |one: f64, list: &[f64]| -> [f64; 3] { if alike { [one; 3] } else { std::array::from_fn(|_| dice.of(list)) } };
         let v = each(500.0, &[100.0, 300.0, 500.0]);
         let a = each(3000.0, &[500.0, 2000.0, 3000.0, 8000.0]);
         let j = each(50_000.0, &[5000.0, 50_000.0, 300_000.0]);
@@ -201,11 +188,7 @@ fn main() -> std::process::ExitCode {
         let planned = plan(program(any.steps), [0.0; 3], limits);
         let took = began.elapsed().as_secs_f64();
         let s = planned.statistics;
-        let worst = [
-            s.worst_speed_ratio,
-            s.worst_acceleration_ratio,
-            s.worst_jerk_ratio.unwrap_or(0.0),
-        ];
+        let worst = [s.worst_speed_ratio, s.worst_acceleration_ratio, s.worst_jerk_ratio.unwrap_or(0.0)];
         let last = planned.points.last().map_or([0.0; 3], |p| p.position);
         let ends = (0..3).all(|k| (last[k] - end[k]).abs() < 1e-6);
         let good = worst.iter().all(|w| *w <= 1.001) && ends;

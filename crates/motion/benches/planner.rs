@@ -107,9 +107,7 @@ fn main() -> std::process::ExitCode {
             ("zig", zig[0], polyline(&zig, feed, tolerance)),
         ];
         for ((name, start, steps), row) in cases.into_iter().zip(rows) {
-            if std::env::var("ONLY").is_ok_and(|o| o != format!("{name}{feed}")) {
-                continue;
-            }
+            if std::env::var("ONLY").is_ok_and(|o| o != format!("{name}{feed}")) { continue; }
             let began = std::time::Instant::now();
             let planned = plan(program(steps.clone()), start, jerk_limited(0.01));
             let took = began.elapsed().as_secs_f64();

@@ -17,13 +17,7 @@ fn apart(a: &[machine::SetPoint], b: &[machine::SetPoint]) -> (f64, usize) {
 #[track_caller]
 fn check(name: &str, program_of: impl Fn(f64) -> Vec<StepKind>) {
     let start = |steps: &[StepKind]| {
-        let path = steps.iter().find_map(|s| {
-            if let StepKind::Move(m) = s {
-                Some(m.path.start().xyz)
-            } else {
-                None
-            }
-        });
+        let path = steps.iter().find_map(|s| if let StepKind::Move(m) = s { Some(m.path.start().xyz) } else { None });
         path.expect("it moves")
     };
     let plans: Vec<_> = [0.0, 1e-12, -3e-12, 1e-10]
@@ -48,24 +42,14 @@ fn a_last_digit_of_a_coordinate_changes_last_digits_of_the_plan() {
                 .map(|k| {
                     let u = f64::from(k) * 0.01;
                     let wobble = if k % 7 == 0 { off } else { -off };
-                    [
-                        20.0 * libm::sin(u) + wobble,
-                        15.0 * libm::sin(2.0 * u + 0.5) - wobble,
-                        2.0 * libm::cos(3.0 * u),
-                    ]
+                    [20.0 * libm::sin(u) + wobble, 15.0 * libm::sin(2.0 * u + 0.5) - wobble, 2.0 * libm::cos(3.0 * u)]
                 })
                 .collect();
             polyline(&points, feed, within)
         });
         check(&format!("corners F{feed}"), |off| {
             let points: Vec<[f64; 3]> = (0..40)
-                .map(|k| {
-                    [
-                        f64::from((k + 1) / 2) * 3.1 + off,
-                        f64::from(k / 2 % 3) * 4.3 - off * f64::from(k % 2),
-                        0.0,
-                    ]
-                })
+                .map(|k| [f64::from((k + 1) / 2) * 3.1 + off, f64::from(k / 2 % 3) * 4.3 - off * f64::from(k % 2), 0.0])
                 .collect();
             polyline(&points, feed, within)
         });

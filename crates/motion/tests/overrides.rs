@@ -124,13 +124,7 @@ fn a_thread_is_planned_at_pitch_times_revolutions_and_no_override_is_for_it() {
         let spindle = StepKind::Spindle(SpindleState::Clockwise(SpindleMode::Revolutions(Rpm(1000.0))));
         let steps = vec![spindle, cut, feed_move(line([0.0, 0.0, -30.0], [5.0, 0.0, -30.0]), 600.0)];
         let (points, _) = run(steps, limits, &[(0, 2.0)]);
-        let fastest = |step: u32| {
-            points
-                .iter()
-                .filter(|p| p.step.0 == step)
-                .map(|p| p.path_speed)
-                .fold(0.0, f64::max)
-        };
+        let fastest = |step: u32| points.iter().filter(|p| p.step.0 == step).map(|p| p.path_speed).fold(0.0, f64::max);
         assert!((fastest(2) - 25.0).abs() < 0.1, "{}", fastest(2));
         assert!((fastest(3) - 20.0).abs() < 0.1, "{}", fastest(3));
         for point in &points {
@@ -158,10 +152,7 @@ fn a_stream_without_end_keeps_its_memory_when_the_override_changes_all_the_time(
         }
     }
     let worst = trajectory.statistics();
-    assert!(
-        worst.worst_jerk_ratio.unwrap_or(0.0) <= 1.001 && worst.worst_acceleration_ratio <= 1.001,
-        "{worst:?}"
-    );
+    assert!(worst.worst_jerk_ratio.unwrap_or(0.0) <= 1.001 && worst.worst_acceleration_ratio <= 1.001, "{worst:?}");
 }
 
 /// Lines and arcs one behind the other, some of them rapids.

@@ -13,10 +13,7 @@ fn part(k: u32) -> StepKind {
     let at = |k: u32| [f64::from(k % 200), f64::from(k / 200 % 2), f64::from(k / 400) * 0.01];
     match k % 37 {
         36 => StepKind::Dwell(Seconds(0.4)),
-        _ => feed_move(
-            line(at(k - k / 37), at(k + 1 - k / 37)),
-            if k < 3000 { 12_000.0 } else { 900.0 },
-        ),
+        _ => feed_move(line(at(k - k / 37), at(k + 1 - k / 37)), if k < 3000 { 12_000.0 } else { 900.0 }),
     }
 }
 
@@ -45,19 +42,13 @@ fn after_a_tenth_of_a_job_the_remaining_time_is_true_to_2_percent() {
         // Near the end 2 % are less than the step of the table.
         assert!(off <= 0.02 * left + 0.25, "{off} s of {left} s");
         let paced = remaining.at_this_pace(step, path_length, Seconds(at as f64 * 2e-3)).0;
-        assert!(
-            (paced - 2.0 * left).abs() <= 0.04 * left + 0.5,
-            "{paced} s of {left} s at half the pace"
-        );
+        assert!((paced - 2.0 * left).abs() <= 0.04 * left + 0.5, "{paced} s of {left} s at half the pace");
     }
 }
 
 #[test]
 fn an_empty_program_takes_no_time_and_one_that_asks_is_not_whole() {
-    let empty = RemainingTime::of(
-        Trajectory::new(Box::new(program(vec![])), Point::ORIGIN, jerk_limited(0.01)),
-        |_| None,
-    );
+    let empty = RemainingTime::of(Trajectory::new(Box::new(program(vec![])), Point::ORIGIN, jerk_limited(0.01)), |_| None);
     assert!(empty.is_whole() && empty.total() == Seconds(0.0) && empty.after(units::StepId(2), 3.0) == Seconds(0.0));
     let mut asks = Generated::new(|k| (k < 20).then(|| part(k)));
     asks.ask_at = Some(10);
@@ -85,13 +76,7 @@ fn the_table_of_a_long_program_stays_small() {
     }
     assert_eq!(remaining.total(), Seconds(4500.0));
     // Right behind a dwell its time is over, right before it it is not.
-    let (before, behind) = (
-        remaining.until(units::StepId(19), 1_000_000.0 * 0.02 - 30.0).0,
-        remaining.until(units::StepId(22), 1_000_000.0 * 0.02 + 30.0).0,
-    );
-    assert!(
-        (before - 1498.5).abs() < 3.0 && (behind - 1551.5).abs() < 3.0,
-        "{before} {behind}"
-    );
+    let (before, behind) = (remaining.until(units::StepId(19), 1_000_000.0 * 0.02 - 30.0).0, remaining.until(units::StepId(22), 1_000_000.0 * 0.02 + 30.0).0);
+    assert!((before - 1498.5).abs() < 3.0 && (behind - 1551.5).abs() < 3.0, "{before} {behind}");
     assert!(format!("{remaining:?}").len() < 300_000);
 }

@@ -6,10 +6,7 @@
 //! How far a joint reaches is decided in [`Course::settle`], as soon as enough of the path behind it is known: as far as the tolerance
 //! allows, all joints added up.
 
-use super::kernel::{
-    EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, TURNING, easing, rounding, rounding_value, rounding_value_over,
-    swing,
-};
+use super::kernel::{EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, TURNING, easing, rounding, rounding_value, rounding_value_over, swing};
 use super::vector::{V3, add_scaled, length, minus, scaled};
 use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece, SLOWEST_SHARE};
 use plan::Path;
@@ -350,19 +347,9 @@ impl Course {
         let off = |half: f64| {
             let mut off = [0.0; 3];
             let over = 2.0 / half;
-            for Near {
-                d,
-                is_corner,
-                turn,
-                bend,
-            } in near
-            {
+            for Near { d, is_corner, turn, bend } in near {
                 if d.abs() < half {
-                    let value = if *is_corner {
-                        swing(*d, half)[0]
-                    } else {
-                        rounding_value_over(*d, 0.5 * half, over)
-                    };
+                    let value = if *is_corner { swing(*d, half)[0] } else { rounding_value_over(*d, 0.5 * half, over) };
                     add_scaled(&mut off, *turn, value);
                     if let Some(bend) = bend {
                         add_scaled(&mut off, *bend, easing(*d, half)[0]);
@@ -455,11 +442,7 @@ impl Course {
     /// Slowest feed between two lengths, mm/s.
     pub(super) fn feed_between(&self, from: f64, to: f64, scale: f64) -> f64 {
         let first = self.span_at(from);
-        let on_the_way = self
-            .spans
-            .range(first..)
-            .enumerate()
-            .take_while(|(k, span)| *k == 0 || span.start < to);
+        let on_the_way = self.spans.range(first..).enumerate().take_while(|(k, span)| *k == 0 || span.start < to);
         let feeds = on_the_way.map(|(_, span)| {
             let (begin, end) = ((from - span.start).max(0.0), (to - span.start).min(span.length));
             span.feed_between(begin.min(span.length), end, scale)

@@ -30,12 +30,7 @@ pub(super) fn rounding(d: f64, half: f64) -> Jet {
     let (value, slope, second, third) = if x >= 1.0 {
         let y = 2.0 - x;
         let y2 = y * y;
-        (
-            y2 * y2 * y * (1.0 / 120.0),
-            y2 * y2 * (1.0 / 24.0),
-            y2 * y * (1.0 / 6.0),
-            -0.5 * y2,
-        )
+        (y2 * y2 * y * (1.0 / 120.0), y2 * y2 * (1.0 / 24.0), y2 * y * (1.0 / 6.0), -0.5 * y2)
     } else {
         let x2 = x * x;
         (

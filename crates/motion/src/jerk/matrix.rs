@@ -187,11 +187,7 @@ mod tests {
                 if i > 1 {
                     sum += after[i - 2] * x[i - 2][side];
                 }
-                assert!(
-                    (sum - wanted[i][side]).abs() < 1e-12,
-                    "row {i}: {sum} for {}",
-                    wanted[i][side]
-                );
+                assert!((sum - wanted[i][side]).abs() < 1e-12, "row {i}: {sum} for {}", wanted[i][side]);
             }
         }
     }

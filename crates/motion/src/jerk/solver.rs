@@ -270,9 +270,7 @@ impl Search {
                 let (along, prices) = self.room(0.0);
                 let short = 1.0 - along.min(prices).min(1.0);
                 let product = self.product() / unit;
-                barrier_share = (product * short * short * short)
-                    .clamp(0.05 * barrier_share, barrier_share)
-                    .max(again.last);
+                barrier_share = (product * short * short * short).clamp(0.05 * barrier_share, barrier_share).max(again.last);
             }
             let barrier = barrier_share * unit;
             self.direct(window, barrier);
@@ -299,11 +297,7 @@ impl Search {
             let settled = (now - time).abs() < 1e-7 * now;
             time = now;
             self.steps += 1;
-            full = if share >= 0.9 && barrier_share <= again.last {
-                full + 1
-            } else {
-                0
-            };
+            full = if share >= 0.9 && barrier_share <= again.last { full + 1 } else { 0 };
             if self.feasible && (full >= 8 || (full >= 1 && settled)) {
                 break;
             }
@@ -386,10 +380,7 @@ impl Search {
     fn product(&self) -> f64 {
         let (mut sum, mut count) = (0.0, 0.0);
         for (prices, over) in self.prices.iter().zip(&self.over).skip(1) {
-            for at in [0, 1]
-                .into_iter()
-                .chain(self.axes.iter().flat_map(|k| [2, 5, 8, 11, 14, 17].map(|a| a + k)))
-            {
+            for at in [0, 1].into_iter().chain(self.axes.iter().flat_map(|k| [2, 5, 8, 11, 14, 17].map(|a| a + k))) {
                 sum += prices[at] / over[at];
                 count += 1.0;
             }
@@ -398,13 +389,7 @@ impl Search {
     }
 
     fn time(&self, window: &Window<'_>) -> f64 {
-        window
-            .intervals
-            .iter()
-            .zip(&self.roots)
-            .skip(1)
-            .map(|(i, root)| i.width * root)
-            .sum()
+        window.intervals.iter().zip(&self.roots).skip(1).map(|(i, root)| i.width * root).sum()
     }
 
     /// Looks at the room that the values leave.
@@ -455,11 +440,7 @@ impl Search {
         for (prices, over) in self.prices.iter_mut().zip(&self.over).skip(1) {
             for (price, over) in prices.iter_mut().zip(over) {
                 let middle = barrier * over;
-                *price = if fresh {
-                    middle
-                } else {
-                    price.max(middle * 1e-3).min(middle * 1e3)
-                };
+                *price = if fresh { middle } else { price.max(middle * 1e-3).min(middle * 1e3) };
             }
         }
     }
@@ -575,16 +556,13 @@ impl Search {
     fn fold(&mut self, window: &Window<'_>) {
         let n = window.count();
         match window.begin {
-            Begin::Rest => self
-                .matrix
-                .tie_first(tie(window.intervals[0].width, window.intervals[1].width)),
+            Begin::Rest => self.matrix.tie_first(tie(window.intervals[0].width, window.intervals[1].width)),
             Begin::Moving => {
                 self.matrix.fix(0);
                 self.matrix.fix(1);
             }
         }
-        self.matrix
-            .tie_last(tie(window.intervals[n - 1].width, window.intervals[n - 2].width));
+        self.matrix.tie_last(tie(window.intervals[n - 1].width, window.intervals[n - 2].width));
         if window.begin == Begin::Moving && n - 2 <= 1 {
             self.matrix.fix(n - 2);
         }

@@ -46,11 +46,7 @@ impl Stretch {
                     break;
                 }
                 if (other.border || m + 1 == n || other.s >= to) && other.s > s {
-                    next = if other.s > next + hair {
-                        s + 0.5 * (other.s - s)
-                    } else {
-                        other.s
-                    };
+                    next = if other.s > next + hair { s + 0.5 * (other.s - s) } else { other.s };
                     break;
                 }
                 m += 1;

@@ -65,10 +65,7 @@ impl Stretch {
                 // Into the next span: a border where the feed steps or a curve begins.
                 let stop_here = k + 1 >= self.course.len() || {
                     let other = self.course.span(k + 1);
-                    let feeds = (
-                        span.feed_between(span.length, span.length, scale),
-                        other.feed_between(0.0, 0.0, scale),
-                    );
+                    let feeds = (span.feed_between(span.length, span.length, scale), other.feed_between(0.0, 0.0, scale));
                     (feeds.0 - feeds.1).abs() > 1e-9 * feeds.0.min(feeds.1)
                         || !other.is_line()
                         || !span.is_line()

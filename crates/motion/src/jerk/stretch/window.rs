@@ -103,11 +103,7 @@ impl Stretch {
 
     /// The fastest motion in the window that keeps the limits between borders too.
     fn search_within(&mut self, borders: &[Border], intervals: &mut [Interval], between: &[Look], begin: Begin) {
-        let known = intervals
-            .iter()
-            .rposition(|i| i.value > 0.0)
-            .map_or(0, |k| k + 1)
-            .max(begin.fixed());
+        let known = intervals.iter().rposition(|i| i.value > 0.0).map_or(0, |k| k + 1).max(begin.fixed());
         let from_below: Vec<f64> = intervals.iter().map(|i| i.value).collect();
         let mut search = std::mem::take(&mut self.search);
         let mut window = Window {
@@ -146,11 +142,7 @@ impl Stretch {
                 let fixed = window.begin.fixed();
                 let less = 1.0 - 1.0 / libm::pow(worst, 1.5);
                 for (k, (interval, old)) in window.intervals.iter_mut().zip(&before).enumerate().skip(fixed) {
-                    let x = if fixed == 0 {
-                        1.0
-                    } else {
-                        ((k + 1 - fixed) as f64 / 24.0).min(1.0)
-                    };
+                    let x = if fixed == 0 { 1.0 } else { ((k + 1 - fixed) as f64 / 24.0).min(1.0) };
                     interval.value = old * (1.0 - (0.005 + less) * x * x * (3.0 - 2.0 * x));
                 }
                 search.run(&mut window, Again::BELOW)
@@ -345,11 +337,7 @@ impl Stretch {
             let mut look = |border: &Border, time: f64| {
                 let v2 = time * time * time * time;
                 for (row, before) in border.jerk.iter().zip(border.third_before) {
-                    let row = if row[0].abs() > before.abs() {
-                        *row
-                    } else {
-                        [before, row[1], row[2]]
-                    };
+                    let row = if row[0].abs() > before.abs() { *row } else { [before, row[1], row[2]] };
                     jerk = jerk.max((row[0] * v2 * time * time + row[1] * time * time * time * g + row[2] * third).abs());
                 }
                 for row in &border.acceleration {
