@@ -1,6 +1,10 @@
 //! The command line: what can be asked, in the words of the manual.
 
+pub use crate::commands::machine::MachineCommand;
+pub use crate::commands::offset::OffsetCommand;
+pub use crate::commands::operator::OperatorCommand;
 pub use crate::commands::size::args::SizeCommand;
+pub use crate::commands::tool::ToolCommand;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -30,7 +34,8 @@ pub struct Common {
     /// Data directory [default: $TOOLMARK_DATA, else $XDG_DATA_HOME/toolmark, else ~/.local/share/toolmark].
     #[arg(long, global = true, value_name = "DIR")]
     pub data: Option<PathBuf>,
-    /// The machine: sim (mill, or lathe when the program turns), sim-mill, sim-lathe, or a machine file.
+    /// The machine: sim (mill, or lathe when the program turns), sim-mill, sim-lathe, a machine file, or tcp://HOST:PORT of a toolmark
+    /// controller (run, live). Without it, machine.toml of the data directory where there is one.
     #[arg(long, global = true, value_name = "M", default_value = "sim")]
     pub machine: String,
     /// Seed of everything random in a simulation; the same seed and start give the same bytes.
@@ -39,7 +44,7 @@ pub struct Common {
     /// Start time of a run, RFC 3339 [default: now].
     #[arg(long, global = true, value_name = "TIME")]
     pub start: Option<String>,
-    /// Who stands behind a change [default: the system's user].
+    /// Who stands behind a change: an operator of the data directory [default: the system's user].
     #[arg(long, global = true, value_name = "NAME")]
     pub operator: Option<String>,
     /// Why.
@@ -108,13 +113,101 @@ pub enum Command {
     /// Bring a backup back into an empty data directory, checked before and after.
     #[command(after_help = RESTORE_HELP)]
     Restore(RestoreArgs),
+    /// The machine side of the set-point link, a process of its own: toolmark run --machine tcp://HOST:PORT drives it. Ctrl-C stops the
+    /// machine on its path and ends.
+    #[command(after_help = CONTROLLER_HELP)]
+    Controller(ControllerArgs),
+    /// A job from a CAM add-in, one operation at a time over a socket, cut while more is coming; no file passes between.
+    #[command(after_help = LIVE_HELP)]
+    Live(LiveArgs),
     /// Keep a job's records whatever their age, or release them again; who and why is recorded.
     #[command(override_usage = "toolmark hold <JOB> --reason <TEXT>\n       toolmark hold <JOB> --release --reason <TEXT>")]
     Hold(HoldArgs),
     /// A measured size becomes one offset change: jobs of sizes, entries, history, undo, macro programs for a control.
     #[command(subcommand)]
     Size(SizeCommand),
+    /// Who works here, with which level: make, change and list operators. Level 1 is the highest, 10 the lowest.
+    #[command(subcommand, after_help = OPERATOR_HELP)]
+    Operator(OperatorCommand),
+    /// The tools of a machine as they are now, and changes of them.
+    #[command(subcommand)]
+    Tool(ToolCommand),
+    /// The work offsets of a machine as they are now, and changes of them.
+    #[command(subcommand)]
+    Offset(OffsetCommand),
+    /// Make a machine file; show what a machine comes to, value by value.
+    #[command(subcommand)]
+    Machine(MachineCommand),
 }
+
+const CONTROLLER_HELP: &str = "\
+One realtime thread wakes up each millisecond. With SCHED_FIFO, locked memory and a processor of its own it is punctual; what the system
+refuses of it is said at the start, and how late it was at the end.
+On an address that other computers reach, both sides prove who they are: certificate, key and authority in [link] of the machine file.
+  toolmark controller --machine mill-3.toml          then, elsewhere: toolmark run part.stpnc --machine tcp://127.0.0.1:7450";
+
+/// `toolmark controller`
+#[derive(Debug, Args)]
+pub struct ControllerArgs {
+    /// Port; 0 is any free one, and the first line says which [default: the machine file's, else 7450].
+    #[arg(long, value_name = "N")]
+    pub port: Option<u16>,
+    /// Address to listen on. Any but this computer's own needs certificates.
+    #[arg(long, value_name = "IP", default_value = "127.0.0.1")]
+    pub listen: std::net::IpAddr,
+    /// What is spoken: the default link, or the published text protocol.
+    #[arg(long, value_enum, default_value_t = LinkName::Default)]
+    pub link: LinkName,
+    /// Text protocol: port of the driving side that the controller's reports go to [default: the machine file's, else 7451].
+    #[arg(long, value_name = "N")]
+    pub report_port: Option<u16>,
+    /// Text protocol: keep a record of each time from M1 to M0 here; toolmark rebuild holds it against its plan.
+    #[arg(long, value_name = "DIR")]
+    pub record: Option<PathBuf>,
+    /// A gamepad as control pad: its device, /dev/input/event...
+    #[arg(long, value_name = "DEVICE")]
+    pub pad: Option<PathBuf>,
+}
+
+/// What is spoken between a planner and a machine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum LinkName {
+    /// Checked, resumable, with every sample coming back.
+    #[default]
+    Default,
+    /// The published protocol of lines.
+    Text,
+}
+
+const LIVE_HELP: &str = "\
+Each line is one JSON object: connect, operation, start, hold, resume, stop, end; docs/live-job.md tells all of it. Afterwards the job is as
+one from a file: plan.stpnc, as-executed.stpnc, report and record.
+  toolmark live --machine tcp://127.0.0.1:7450
+  echo '{\"connect\":{\"client\":\"me\",\"job\":\"plate\"}}' | nc 127.0.0.1 7460";
+
+/// `toolmark live`
+#[derive(Debug, Args)]
+pub struct LiveArgs {
+    /// Where the add-in connects to, on this computer; port 0 is any free one, and the first line says which.
+    #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:7460")]
+    pub listen: std::net::SocketAddr,
+    /// Also put the results here [default: the job's folder in the data directory].
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Verdict: deviation allowed where an operation gives none, mm.
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    pub tolerance: Option<f64>,
+    /// The file of a machine behind tcp:// [default: machine.toml of the data directory, else the simulated machine].
+    #[arg(long, value_name = "F.toml")]
+    pub machine_file: Option<PathBuf>,
+}
+const OPERATOR_HELP: &str = "\
+Until the first operator is made, whoever sits here acts as `local`, level 1. From then on a change needs an operator: --operator NAME, or
+an operator with the name of the system's user. Who is neither is not signed in: look, STOP and feed hold only. Only levels 1 and 2 give
+levels, and never one beyond their own. A lapsed qualification counts as level 10. `toolmark operator rights` shows what each level may.
+A refusal is exit 1 and stands in the log; a name that is no operator's is exit 2.
+  toolmark operator add Maria --experience '12 years, 5 axes'
+  toolmark operator add Jo --level 6 --qualified-until 2027-06-30 --operator Maria --reason 'passed the test'";
 
 /// `toolmark hold`
 #[derive(Debug, Args)]
@@ -290,6 +383,9 @@ P is #id, or names joined by / that end at the part: 'WS 1 face', 'PLATE MAIN/WS
 picks the second of equals. When a path could mean several parts, they are listed and nothing is written (exit 2).
 Changes are made in the order in which they are given. No change gives the same bytes; a change and its opposite give them back. A
 signed file that is changed loses its signature, and that is said. What others still use stays when a part is deleted.
+Each part has an edit access level: of `trace:1 set_edit_access_level` before it, or of its security classification, the stronger one;
+else 10. An operator edits parts of that number and higher ones, and gives, lowers or takes away no level stronger than the own one; else
+it is T-11, exit 1, and nothing is written. Every edit is an event with both hashes. Where there are operators it needs --reason.
   toolmark edit plate.stpnc --out plate2.stpnc --disable 'WS 4 deburr' --feed 'WS 2 pocket=900'
   toolmark edit plate.stpnc --out plate2.stpnc --insert 'WS 1 face' 'trace:1 get_time' --move 'WS 3 drill=WS 2 pocket'
   toolmark edit plate.stpnc --out plate2.stpnc --insert 'WS 1 face' 'workplan: HOLES' --move 'WS 3 drill=HOLES/'";
@@ -351,6 +447,24 @@ pub enum FrameName {
     Machine,
 }
 
+/// What happens with a program that was edited outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PolicyName {
+    /// It is said and recorded, and the program runs.
+    Warn,
+    /// It is said and recorded, and nothing moves.
+    Refuse,
+}
+
+impl From<PolicyName> for store::machine_file::EditedOutside {
+    fn from(name: PolicyName) -> Self {
+        match name {
+            PolicyName::Warn => Self::Warn,
+            PolicyName::Refuse => Self::Refuse,
+        }
+    }
+}
+
 const POST_HELP: &str = "\
 Controls: siemens-840d, fanuc, heidenhain, haas, linuxcnc. Grades of functions: native (the control does it by itself), block-boundary
 (by statements between blocks), external (a recorder beside the control), refused (with the reason). What no manual was at hand for is
@@ -402,6 +516,19 @@ pub struct RunArgs {
     /// Verdict: deviation allowed where the program gives none, mm.
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub tolerance: Option<f64>,
+    /// The file of a machine behind tcp:// [default: machine.toml of the data directory, else the simulated machine].
+    #[arg(long, value_name = "F.toml")]
+    pub machine_file: Option<PathBuf>,
+    /// With tcp://: what is spoken, the default link or the published text protocol.
+    #[arg(long, value_enum, default_value_t = LinkName::Default)]
+    pub link: LinkName,
+    /// Text protocol: port on which the controller's reports are listened for [default: the machine file's, else 7451].
+    #[arg(long, value_name = "N")]
+    pub report_port: Option<u16>,
+    /// A program that was edited outside since its last edit or run here: warn, or refuse it [default: the machine file's, else warn].
+    /// Against a machine file that refuses, `warn` takes level 3 and --reason.
+    #[arg(long, value_name = "POLICY", value_enum)]
+    pub edited_outside: Option<PolicyName>,
     /// Wrong set-up, for practice: the n-th workingstep runs with its work offset shifted by X,Y,Z mm; simulated machines only.
     #[arg(long, value_name = "N:X,Y,Z")]
     pub plant_shift: Option<String>,

@@ -1,8 +1,12 @@
-//! One run of one program on the simulated machine: executed, recorded, rebuilt from the record, written down.
+//! One run of one program, on the simulated machine or on one behind the link: executed, recorded, rebuilt from the record, written down.
 //!
 //! The rebuild reads the record file, not the samples in memory: what the report says is what the file says.
 
 use crate::failure::Failure;
+use crate::functions::{self, Values};
+use crate::link::driving::{self, Driven};
+use crate::link::remote::{Machine, Remote};
+use crate::live::job::LiveJob;
 use crate::printed::{self, Printed};
 use crate::program::Program;
 use crate::progress::Progress;
@@ -12,23 +16,26 @@ use crate::{clock, files, recording, shop};
 use asrun::{PlanOptions, PlannedProgram, Rebuild, RecordFrame, RecordPoint, Recording};
 use cell::observe::Thinned;
 use cell::sim::measure::Part;
-use cell::{Ended, Fault, Operator, Outcome, RecordSink, World, WorldConfig};
-use ledger::{Chain, Event};
-use machine::Sample;
+use cell::{CommandSource, Ended, Fault, OfficeHalf, Operator, Outcome, RecordSink, World, WorldConfig};
+use ledger::{Chain, Event, Hash};
+use machine::{Quality, Report, Request, Sample};
 use motion::Trajectory;
 use plan::{Tables, executed::AsExecuted};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use stepnc::twin::TwinOptions;
 use store::record::{Finished, Header, SampleRows};
 use store::segment::{Gap, Notice, Offered, Pace, Recorder, Settings, Watch};
 use store::{DataDirectory, Ending, Job, MachineFile, NewJob};
+use trace::record::{Recorder as Functions, Row, Stream};
+use trace::survey::Found;
 use units::{Millimetres, Seconds, StepId, Timestamp};
 
 /// What is to be run.
 pub struct Order<'a> {
-    /// The program.
-    pub program: &'a Program,
+    /// The program, or the job that is still coming.
+    pub work: Work<'a>,
     /// The machine.
     pub machine: &'a MachineFile,
     /// Its offsets and tools now.
@@ -49,6 +56,63 @@ pub struct Order<'a> {
     pub fast: bool,
     /// Who runs it.
     pub who: &'a str,
+    /// Who moves the axes.
+    pub drives: Drives<'a>,
+    /// A person wants it to stop.
+    pub stop: Option<&'a AtomicBool>,
+    /// Their level, 1 is the strongest.
+    pub level: Option<u8>,
+    /// What was found at cycle start, for the report.
+    pub found: Option<String>,
+}
+
+/// What is executed.
+#[derive(Clone, Copy)]
+pub enum Work<'a> {
+    /// A program on disk.
+    Program(&'a Program),
+    /// Operations that come one at a time.
+    Live(&'a LiveJob),
+}
+
+/// Who moves the axes.
+#[derive(Clone, Copy)]
+pub enum Drives<'a> {
+    /// The simulated world in this process.
+    World,
+    /// A controller behind a link.
+    Behind(&'a Remote, &'a Machine),
+}
+
+impl Drives<'_> {
+    /// What the measurements are worth.
+    pub fn quality(self) -> Quality {
+        match self {
+            Drives::World => Quality::Simulated,
+            Drives::Behind(_, machine) => machine.quality,
+        }
+    }
+
+    /// True when nothing of it is real.
+    pub fn is_simulated(self) -> bool {
+        self.quality() == Quality::Simulated
+    }
+}
+
+impl<'a> Work<'a> {
+    fn name(self) -> &'a str {
+        match self {
+            Work::Program(program) => &program.name,
+            Work::Live(job) => job.name(),
+        }
+    }
+
+    fn hash(self) -> Hash {
+        match self {
+            Work::Program(program) => program.hash,
+            Work::Live(job) => job.hash(),
+        }
+    }
 }
 
 /// A run that is over.
@@ -61,8 +125,10 @@ pub struct Run {
     pub gaps: Vec<Gap>,
     /// Plan against run.
     pub rebuild: Rebuild,
-    /// What the program printed.
+    /// What the program printed, and what its functions recorded.
     pub printed: Printed,
+    /// What only a run on a machine behind the link tells.
+    pub driven: Option<Driven>,
     /// Where its files are.
     pub folder: PathBuf,
 }
@@ -73,20 +139,21 @@ pub struct Run {
 /// A file cannot be written, or the machine's parameters are unusable. A run that ends badly is no error: it is in the outcome.
 pub fn run(order: &Order<'_>, directory: &mut DataDirectory, part: Option<&mut Part>) -> Result<Run, Failure> {
     let new = NewJob {
-        program: &order.program.name,
-        program_hash: order.program.hash,
+        program: order.work.name(),
+        program_hash: order.work.hash(),
         machine: &order.machine.name,
         seed: order.seed,
         start: order.start,
         folder: order.out,
         who: order.who,
     };
-    let program = order.program;
-    let mut bytes =
-        std::fs::File::open(&program.path).map_err(|e| Failure::unreadable(format_args!("{}: {e}", program.path.display())))?;
-    directory
-        .keep_program(&program.name, &mut bytes, program.hash, order.start)
-        .map_err(shop::failure)?;
+    if let Work::Program(program) = order.work {
+        let mut bytes = std::fs::File::open(&program.path)
+            .map_err(|e| Failure::unreadable(format_args!("{}: {e}", program.path.display())))?;
+        directory
+            .keep_program(&program.name, &mut bytes, program.hash, order.start)
+            .map_err(shop::failure)?;
+    }
     let job = directory.begin_job(&new).map_err(shop::failure)?;
     let done = run_job(order, directory, &job, part);
     if done.is_err() {
@@ -103,7 +170,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
     let record_path = folder.join("record.parquet");
     let header = Header {
         machine: order.machine.name.clone(),
-        simulated: true,
+        simulated: order.drives.is_simulated(),
         start: order.start,
         seed: order.seed,
     };
@@ -125,9 +192,11 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
             .thinned
             .map(|(interval, jitter)| Thinned::new(order.start, interval, jitter, order.seed)),
         part,
+        last: None,
+        values: Values::new(&directory.recording_folder(job.id), &folder, order.start, pace),
     };
     let mut told = 0;
-    let outcome = execute(order, &mut rows, &mut |now, events| {
+    let (outcome, driven) = execute(order, &mut rows, &mut |now, events| {
         tell_notices(directory, &watch, now)?;
         // What happened is on disk while the job runs: after a power loss the next start can say where it was interrupted.
         let new = &events[told..];
@@ -145,8 +214,11 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         recording,
         events,
         thinned,
+        values,
         ..
     } = rows;
+    // Before the recording's folder goes: its own rows are kept and discarded in one step.
+    let values = values.end()?;
     let end = order.start.at(outcome.ticks);
     let ended = recording.end();
     tell_notices(directory, &watch, end)?;
@@ -163,17 +235,38 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
     if let Some(thinned) = thinned {
         as_an_agent_saw_it(&mut record_read, &thinned);
     }
-    let rebuild = rebuild(order, &record_read, &outcome)?;
+    // A live job is a program on disk now.
+    let written_now;
+    let (program, tables) = match order.work {
+        Work::Program(program) => (program, order.tables.clone()),
+        Work::Live(job) => {
+            written_now = job.written(&folder)?;
+            (&written_now, job.tables())
+        }
+    };
+    let mut rebuild = rebuild(order, (program, &tables), &record_read, &outcome)?;
+    functions::results(&events, &mut rebuild.executed);
     let printed = Printed::of(&events);
-    write_down(order, &folder, &outcome, (&record, &gaps), (&rebuild, &printed))?;
+    write_down(
+        order,
+        program,
+        &folder,
+        (&outcome, driven.as_ref()),
+        (&record, &gaps),
+        (&rebuild, &printed),
+    )?;
     let mut written = ["as-executed.stpnc", "report.json", "report.html"]
         .map(|name| folder.join(name))
         .to_vec();
+    if matches!(order.work, Work::Live(_)) {
+        written.push(program.path.clone());
+    }
     if !printed.lines.is_empty() {
         let path = folder.join(printed::FILE);
         files::write(&path, &printed.bytes)?;
         written.push(path);
     }
+    written.extend(values.map(|(path, _)| path));
     directory.keep_files(job.id, &written, end).map_err(shop::failure)?;
 
     let ending = if outcome.ended == Ended::Completed {
@@ -188,6 +281,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         gaps,
         rebuild,
         printed,
+        driven,
         folder,
     })
 }
@@ -208,31 +302,69 @@ fn as_an_agent_saw_it(record: &mut Recording, thinned: &Thinned) {
 /// Keeps the events so far; called with the machine's time now and then.
 type Keep<'a> = dyn FnMut(Timestamp, &[Event]) -> Result<(), Failure> + 'a;
 
-fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Result<Outcome, Failure> {
+fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Result<(Outcome, Option<Driven>), Failure> {
+    let source: Box<dyn CommandSource + '_> = match order.work {
+        Work::Program(program) => {
+            let stream = cell::faults::planted(program.stream(&order.tables)?, &order.faults);
+            Box::new(Trajectory::new(stream, order.tables.position, shop::limits(order.machine)))
+        }
+        Work::Live(job) => Box::new(job.source(order.tables.position, shop::limits(order.machine))),
+    };
+    match order.drives {
+        Drives::World => execute_here(order, source, rows, keep).map(|outcome| (outcome, None)),
+        Drives::Behind(remote, machine) => {
+            execute_there(order, (remote, machine), source, rows, keep).map(|(outcome, driven)| (outcome, Some(driven)))
+        }
+    }
+}
+
+/// What the functions of the program come to; operations of a live job have none.
+fn functions_of(order: &Order<'_>) -> Result<Found, Failure> {
+    match order.work {
+        Work::Program(program) => functions::look(program, &order.tables),
+        Work::Live(_) => Ok(Found::default()),
+    }
+}
+
+/// Somebody stands at the simulated machine: a program stop gets its cycle start after a second.
+fn operator(drives: Drives<'_>) -> Operator {
+    Operator {
+        optional_stop: false,
+        cycle_start_after: drives.is_simulated().then_some(1000),
+    }
+}
+
+/// In the simulated world of this process.
+fn execute_here(
+    order: &Order<'_>,
+    source: Box<dyn CommandSource + '_>,
+    rows: &mut RunRows<'_>,
+    keep: &mut Keep<'_>,
+) -> Result<Outcome, Failure> {
     let config = WorldConfig {
         seed: order.seed,
         start: order.start,
         machine: shop::parameters(order.machine),
         machine_name: order.machine.name.clone(),
         position: order.tables.position,
-        program_hash: order.program.hash,
+        program_hash: order.work.hash(),
         faults: order.faults.clone(),
-        // Somebody stands at the simulated machine: a program stop gets its cycle start after a second.
-        operator: Operator {
-            optional_stop: false,
-            cycle_start_after: Some(1000),
-        },
+        operator: operator(order.drives),
         chain: Chain::default(),
     };
-    let stream = cell::faults::planted(order.program.stream(&order.tables)?, &config.faults);
-    let trajectory = Trajectory::new(stream, config.position, shop::limits(order.machine));
-    let mut world =
-        World::new(config, trajectory).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
+    let found = functions_of(order)?;
+    let recorder = Functions::new(&config.machine, order.start, functions::known(order), &found);
+    let diameters = functions::diameters(&order.tables);
+    let world = World::new(config, source).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
+    let mut world = world.with_functions(&found, recorder, &diameters);
     let mut progress = Progress::new("running");
     let mut kept = 0;
+    let mut stop_asked = false;
     let began = Instant::now();
+    // As a controller is looked at; what waits for operations waits in real time.
+    let stretch = if order.fast { 100 } else { 20 };
     loop {
-        let outcome = world.advance(100, rows);
+        let outcome = world.advance(stretch, rows);
         // A changed offset is kept before the machine goes on; everything else once in a second.
         let changed = rows.events[kept..].iter().any(|event| event.kind == "register");
         if changed || outcome.is_some() || world.now().0 % 1000 == 0 {
@@ -242,6 +374,18 @@ fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Re
         if let Some(outcome) = outcome {
             return Ok(outcome);
         }
+        if let Work::Live(job) = order.work {
+            if let Some(sample) = rows.last {
+                job.watch_sample(&sample);
+            }
+            while let Some(request) = job.request() {
+                world.request(request);
+            }
+        }
+        if !stop_asked && order.stop.is_some_and(|stop| stop.load(Relaxed)) {
+            stop_asked = true;
+            world.request(Request::Stop);
+        }
         let simulated = world.now().seconds();
         progress.at(|| format!("{} of machine time", minutes(simulated.0)));
         if !order.fast {
@@ -249,6 +393,56 @@ fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Re
             std::thread::sleep(due.saturating_sub(began.elapsed()));
         }
     }
+}
+
+/// On a machine behind the link.
+fn execute_there(
+    order: &Order<'_>,
+    (remote, machine): (&Remote, &Machine),
+    source: Box<dyn CommandSource + '_>,
+    rows: &mut RunRows<'_>,
+    keep: &mut Keep<'_>,
+) -> Result<(Outcome, Driven), Failure> {
+    let never = AtomicBool::new(false);
+    let recorder = Functions::new(
+        &shop::parameters(order.machine),
+        order.start,
+        functions::known(order),
+        &functions_of(order)?,
+    );
+    let office = OfficeHalf::new(source, operator(order.drives), order.start, Chain::default()).with_functions(recorder);
+    let (program, name) = (order.work.hash().to_string(), machine.name.clone());
+    let live = match order.work {
+        Work::Program(_) => None,
+        Work::Live(job) => Some(job),
+    };
+    let drive = driving::Drive {
+        remote,
+        stop: order.stop.unwrap_or(&never),
+        requests: &|| live.and_then(LiveJob::request),
+        watch: &|report: &Report| {
+            if let Some(job) = live {
+                job.watch(report);
+            }
+        },
+    };
+    let seed = order.seed;
+    let started = cell::events::Detail::from([
+        ("program_sha256".to_owned(), program.into()),
+        ("seed".to_owned(), seed.into()),
+        ("machine".to_owned(), name.into()),
+        ("source".to_owned(), driving::source_word(machine.quality).into()),
+        ("controller".to_owned(), remote.address.to_string().into()),
+    ]);
+    let mut kept = 0;
+    driving::run(&drive, office, started, rows, &mut |now, rows, last| {
+        let changed = rows.events[kept..].iter().any(|event| event.kind == "register");
+        if changed || last || now.0 % 1000 < 100 {
+            kept = rows.events.len();
+            keep(order.start.at(now), &rows.events)?;
+        }
+        Ok(())
+    })
 }
 
 /// Says what happened to the recording, to the person and to the log. A full disk does not stop the machine: the part is worth more than
@@ -272,10 +466,13 @@ struct RunRows<'p> {
     events: Vec<Event>,
     thinned: Option<Thinned>,
     part: Option<&'p mut Part>,
+    last: Option<Sample>,
+    values: Values,
 }
 
 impl RecordSink for RunRows<'_> {
     fn sample(&mut self, sample: &Sample) {
+        self.last = Some(*sample);
         match self.recording.offer(sample) {
             // A missed row is counted in a gap that the record, the log and the report tell of.
             Offered::Taken | Offered::Missed => {}
@@ -293,6 +490,9 @@ impl RecordSink for RunRows<'_> {
             part.event(event);
         }
     }
+    fn recorded(&mut self, row: &Row, stream: &Stream) {
+        self.values.take(row, stream);
+    }
     fn truth(&mut self, sample: &Sample, position: [f64; 3]) {
         if let Some(part) = &mut self.part {
             part.truth(sample, position);
@@ -300,19 +500,25 @@ impl RecordSink for RunRows<'_> {
     }
 }
 
-fn rebuild(order: &Order<'_>, record: &Recording, outcome: &Outcome) -> Result<Rebuild, Failure> {
-    let mut stream = order.program.stream(&order.tables)?;
+fn rebuild(
+    order: &Order<'_>,
+    (program, tables): (&Program, &Tables),
+    record: &Recording,
+    outcome: &Outcome,
+) -> Result<Rebuild, Failure> {
+    let mut stream = program.stream(tables)?;
     let options = PlanOptions {
         rapid: shop::limits(order.machine).v_max,
         ..PlanOptions::default()
     };
-    let plan = PlannedProgram::read(&mut *stream, &order.program.name, &options, &mut crate::survey::beforehand);
+    let plan = PlannedProgram::read(&mut *stream, &program.name, &options, &mut crate::survey::beforehand);
     let options = asrun::Options {
         name: "run 1".to_owned(),
         tolerance: order.tolerance,
         ..asrun::Options::default()
     };
     let mut rebuild = asrun::rebuild(Some(&plan), record, &options);
+    rebuild.report.findings.splice(0..0, order.found.clone());
     if outcome.ended != Ended::Completed {
         let text = outcome.ended.text();
         rebuild
@@ -326,24 +532,29 @@ fn rebuild(order: &Order<'_>, record: &Recording, outcome: &Outcome) -> Result<R
 
 fn write_down(
     order: &Order<'_>,
+    program: &Program,
     folder: &Path,
-    outcome: &Outcome,
+    (outcome, driven): (&Outcome, Option<&Driven>),
     (record, gaps): (&Finished, &[Gap]),
     (rebuild, printed): (&Rebuild, &Printed),
 ) -> Result<(), Failure> {
     let options = TwinOptions {
-        machine: Some((order.machine.name.clone(), "simulated".to_owned())),
+        machine: Some((
+            order.machine.name.clone(),
+            if order.drives.is_simulated() { "simulated" } else { "" }.to_owned(),
+        )),
         operator: Some(order.who.to_owned()),
         ..TwinOptions::at(order.start.at(outcome.ticks))
     };
-    let bytes = as_executed(order.program, &rebuild.executed, &options)?;
+    let bytes = as_executed(program, &rebuild.executed, &options)?;
     files::write(&folder.join("as-executed.stpnc"), &bytes)?;
     let page = Page {
-        program: &order.program.name,
+        program: &program.name,
         machine: &order.machine.name,
+        driven,
         ended: Some(outcome.ended.text()),
         provenance: vec![
-            ("program SHA-256".into(), order.program.hash.to_string()),
+            ("program SHA-256".into(), program.hash.to_string()),
             ("record SHA-256".into(), record.hash.to_string()),
             ("record".into(), record_line(record, gaps)),
             ("end of the event chain".into(), outcome.chain.hash.to_string()),
@@ -426,7 +637,7 @@ mod tests {
             let mut program = Program::open(&path, None, Some(&self.machine)).expect("a program");
             program.variables = directory.variables(&self.machine).expect("reads");
             let order = Order {
-                program: &program,
+                work: Work::Program(&program),
                 machine: &self.machine,
                 tables: directory.tables(&self.machine).expect("reads"),
                 seed: 1,
@@ -437,6 +648,10 @@ mod tests {
                 tolerance: None,
                 fast: true,
                 who: "Maria",
+                drives: Drives::World,
+                stop: None,
+                level: Some(1),
+                found: None,
             };
             let feature = Feature::TurnedDiameter {
                 z_from: Millimetres(-5.0),

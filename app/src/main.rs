@@ -5,10 +5,16 @@
 mod cli;
 mod clock;
 mod commands;
+mod controller;
+mod cycle_start;
 mod execution;
 mod failure;
 mod files;
+mod functions;
+mod link;
+mod live;
 mod net;
+mod people;
 mod planned_time;
 mod printed;
 mod program;
@@ -29,7 +35,7 @@ fn main() -> ExitCode {
     // A panic is a fault of ours: it says so, and ends with its own code.
     let ended = std::panic::catch_unwind(|| {
         let cli = match Cli::try_parse() {
-            Ok(cli) => cli,
+            Ok(cli) => with_the_machine_file(cli),
             Err(error) => {
                 let _ = error.print();
                 if !error.use_stderr() {
@@ -71,8 +77,14 @@ fn run(cli: &Cli) -> u8 {
         Command::Trace(args) => commands::trace::trace(args, common),
         Command::Backup(args) => commands::backup::backup(args, common),
         Command::Restore(args) => commands::backup::restore(args, common),
+        Command::Controller(args) => commands::controller::controller(args, common),
+        Command::Live(args) => commands::live::live(args, common),
         Command::Hold(args) => commands::hold::hold(args, common),
         Command::Size(command) => commands::size::size(command, common),
+        Command::Operator(command) => commands::operator::operator(command, common),
+        Command::Tool(command) => commands::tool::tool(command, common),
+        Command::Offset(command) => commands::offset::offset(command, common),
+        Command::Machine(command) => commands::machine::machine(command, common),
     };
     match done {
         Ok(exit) => exit as u8,
@@ -84,6 +96,24 @@ fn run(cli: &Cli) -> u8 {
             failure.exit as u8
         }
     }
+}
+
+/// Without `--machine` the machine file of the data directory counts, where there is one. The demo has machines of its own.
+fn with_the_machine_file(mut cli: Cli) -> Cli {
+    let is_given = std::env::args_os()
+        .take_while(|word| word != "--")
+        .any(|word| word.to_str().is_some_and(|w| w == "--machine" || w.starts_with("--machine=")));
+    let has_its_own = matches!(
+        cli.command,
+        Command::Demo(_) | Command::Machine(commands::machine::MachineCommand::Init(_))
+    );
+    if !is_given
+        && !has_its_own
+        && let Some(file) = commands::machine::of_the_data_directory(&cli.common)
+    {
+        cli.common.machine = file;
+    }
+    cli
 }
 
 /// True when the answer is read by a program, even if the rest of the command line makes no sense.

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 pub const FILE: &str = "DPRNT.txt";
 
 /// What was printed and named.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Printed {
     /// The lines, in order, without their ends.
     #[serde(rename = "printed", skip_serializing_if = "Vec::is_empty")]
@@ -19,6 +19,9 @@ pub struct Printed {
     /// Names by number of the variable; the last one given counts.
     #[serde(rename = "variable_names", skip_serializing_if = "BTreeMap::is_empty")]
     pub names: BTreeMap<u32, String>,
+    /// Records of functions of the traceability vocabulary, in order.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub functions: Vec<crate::functions::Told>,
     /// What a printer at the port would have got.
     #[serde(skip)]
     pub bytes: Vec<u8>,
@@ -27,7 +30,11 @@ pub struct Printed {
 impl Printed {
     /// Picks it out of the events of a run.
     pub fn of<'e>(events: impl IntoIterator<Item = &'e Event>) -> Printed {
-        let mut printed = Printed::default();
+        let events: Vec<&Event> = events.into_iter().collect();
+        let mut printed = Printed {
+            functions: crate::functions::told(events.iter().copied()),
+            ..Printed::default()
+        };
         for event in events.into_iter().filter(|event| event.kind == "nc-function") {
             let text = |name: &str| event.detail.get(name).and_then(Value::as_str).unwrap_or_default();
             let property = |name: &str| {

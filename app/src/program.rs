@@ -226,7 +226,7 @@ pub fn machine_for(wanted: &str, turns: bool) -> Result<MachineFile, Failure> {
     }
     if wanted.contains("://") {
         return Err(Failure::usage(format_args!(
-            "--machine {wanted}: this version drives simulated machines only; use sim, sim-mill, sim-lathe or a machine file"
+            "--machine {wanted}: only run and live drive a controller; use sim, sim-mill, sim-lathe or a machine file"
         )));
     }
     MachineFile::find(wanted).map_err(|error| match error {

@@ -3,13 +3,14 @@
 use crate::cli::Common;
 use crate::clock;
 use crate::failure::{Exit, Failure};
+use crate::people::{self, Acting};
 use machine::MachineParameters;
 use motion::Limits;
 use plan::Tables;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use store::machine_file::MachineKind;
+use store::machine_file::{HomeEnd, MachineKind};
 use store::{DataDirectory, Ending, MachineFile, StoreError};
 use units::{Axis, Millimetres, MmPerSec, MmPerSec2, Timestamp};
 
@@ -55,12 +56,17 @@ pub fn parameters(machine: &MachineFile) -> MachineParameters {
     for (axis, model) in Axis::ALL.into_iter().zip(&mut parameters.axes) {
         if let Some(file) = machine.axis(axis) {
             (model.lowest, model.highest) = (file.travel_min, file.travel_max);
-            (model.v_max, model.a_max) = (file.v_max, file.a_max);
+            (model.v_max, model.a_max, model.j_max) = (file.v_max, file.a_max, file.j_max);
             model.pulses_per_mm = file.pulses_per_mm;
+            // The position at its reference is 0; where the travel does not hold that, the nearer end.
+            let home = Millimetres(0f64.max(file.travel_min.0).min(file.travel_max.0));
+            (model.homing.home, model.homing.reference) = (home, home);
+            model.homing.upwards = file.home == HomeEnd::Max;
         }
     }
     parameters.spindle.highest = machine.spindle.max;
     parameters.tool_change = machine.tool_change;
+    parameters.late_ticks_allowed = machine.late_ticks_allowed;
     parameters
 }
 
@@ -90,8 +96,10 @@ pub fn data_directory(common: &Common) -> Result<DataDirectory, Failure> {
 pub fn open_data(root: &Path, common: &Common) -> Result<DataDirectory, Failure> {
     let at = clock::start_time(common.start.as_deref())?;
     let command = command_word();
-    let mut directory = DataDirectory::open(root, format!("toolmark {command}").trim()).map_err(failure)?;
-    directory.opened(at, &operator(common), &command).map_err(failure)?;
+    let holder = format!("toolmark {command}");
+    let mut directory = patiently(|| DataDirectory::open(root, holder.trim()))?;
+    let opener = Acting::of(&directory, common)?.opener();
+    directory.opened(at, &opener, &command).map_err(failure)?;
     say_log_problem(&directory);
     let left = directory.recover_interrupted().map_err(failure)?;
     for (job, recovery) in left.of_jobs_over {
@@ -146,12 +154,45 @@ pub fn retain(directory: &mut DataDirectory, machine: &MachineFile, now: Timesta
 /// # Errors
 /// There is none, a process works in it, or it cannot be read.
 pub fn read_data(root: &Path) -> Result<DataDirectory, Failure> {
-    let directory = DataDirectory::read(root).map_err(failure)?;
+    let directory = patiently(|| DataDirectory::read(root))?;
     say_log_problem(&directory);
     let interrupted = directory.interrupted_jobs().map_err(failure)?;
     interrupted.iter().for_each(|job| notice(&job.to_string()));
     Ok(directory)
 }
+
+/// The data directory that the settings mean, to look at it; `None` where there is none. Changes nothing.
+///
+/// # Errors
+/// A process works in it, or it cannot be read.
+pub fn directory_to_look(common: &Common) -> Result<Option<DataDirectory>, Failure> {
+    // Without a place for data there is none.
+    let Ok(root) = data_path(common) else {
+        return Ok(None);
+    };
+    if !root.join("toolmark.sqlite").is_file() {
+        return Ok(None);
+    }
+    let directory = patiently(|| DataDirectory::read(&root))?;
+    say_log_problem(&directory);
+    Ok(Some(directory))
+}
+
+/// A command that only sets a value holds the data directory for a few milliseconds: worth waiting for. A longer holder is told.
+fn patiently(open: impl Fn() -> Result<DataDirectory, StoreError>) -> Result<DataDirectory, Failure> {
+    let began = std::time::Instant::now();
+    loop {
+        match open() {
+            Err(StoreError::Locked { address: None, .. }) if began.elapsed() < LONGEST_WAIT => {
+                std::thread::sleep(std::time::Duration::from_millis(20));
+            }
+            opened => return opened.map_err(failure),
+        }
+    }
+}
+
+/// How long a command waits for another one to leave the data directory.
+const LONGEST_WAIT: std::time::Duration = std::time::Duration::from_secs(2);
 
 /// What a program meets on a machine now: its tools and offsets, and the variables that its control has kept.
 pub struct InForce {
@@ -168,23 +209,12 @@ pub struct InForce {
 /// # Errors
 /// A process works in the data directory, or it cannot be read.
 pub fn in_force(common: &Common, machine: &MachineFile) -> Result<InForce, Failure> {
-    // Without a place for data there is none.
-    let directory = match data_path(common) {
-        Err(_) => None,
-        Ok(root) => match DataDirectory::read(&root) {
-            Err(StoreError::NoDirectory(_)) => None,
-            read => Some((root, read.map_err(failure)?)),
-        },
-    };
-    match directory {
-        Some((root, directory)) => {
-            say_log_problem(&directory);
-            Ok(InForce {
-                tables: directory.tables(machine).map_err(failure)?,
-                variables: directory.variables(machine).map_err(failure)?,
-                source: format!("offsets in force, from {}", root.display()),
-            })
-        }
+    match directory_to_look(common)? {
+        Some(directory) => Ok(InForce {
+            tables: directory.tables(machine).map_err(failure)?,
+            variables: directory.variables(machine).map_err(failure)?,
+            source: format!("offsets in force, from {}", directory.root().display()),
+        }),
         None => Ok(InForce {
             tables: store::registers::tables(machine, &BTreeMap::new()).map_err(failure)?,
             variables: BTreeMap::new(),
@@ -227,12 +257,7 @@ fn command_word() -> String {
     words.join(" ")
 }
 
-/// Who stands behind a change: `--operator`, else the user that the system signed in.
+/// Who is named behind something that asks for no right: `--operator`, else the user that the system signed in.
 pub fn operator(common: &Common) -> String {
-    common.operator.clone().unwrap_or_else(|| {
-        let user = std::env::var("USER")
-            .or_else(|_| std::env::var("LOGNAME"))
-            .unwrap_or_else(|_| "local".to_owned());
-        format!("{user} (authenticated by the system)")
-    })
+    people::unchecked_name(common)
 }

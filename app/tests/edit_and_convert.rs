@@ -10,6 +10,7 @@ fn toolmark(folder: &Path, words: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_toolmark"))
         .args(words)
         .current_dir(folder)
+        .env("TOOLMARK_DATA", folder.join("data"))
         .output()
         .expect("the binary starts")
 }

@@ -13,6 +13,8 @@ pub type Target = (&'static str, fn(&[u8]));
 pub const TARGETS: &[Target] = &[
     ("apt", targets::apt::run),
     ("gcode", targets::gcode::run),
+    ("link_frames", targets::link_frames::run),
+    ("link_text", targets::link_text::run),
     ("mtconnect_client", targets::mtconnect_client::run),
     ("mtconnect_document", targets::mtconnect_document::run),
     ("mtconnect_http", targets::mtconnect_http::run),

@@ -1,6 +1,7 @@
 //! The one error type of this crate: what happened to which file, and what the person can do.
 
 use crate::{Hold, JobId, Log};
+use ledger::operator::AssignError;
 use ledger::{Broken, ChangeError};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -138,6 +139,9 @@ pub enum StoreError {
     /// A hold or a release without a person or a reason.
     #[error("a hold needs who asks for it and why: give --reason TEXT")]
     NobodyStandsBehind,
+    /// An operator may not be made or changed so.
+    #[error(transparent)]
+    Assign(Box<AssignError>),
     /// A row that cannot stand in a record.
     #[error("record {}: a row of tick {} after one of tick {}: ticks must rise", path.display(), found.0, last.0)]
     OutOfOrder {
@@ -230,7 +234,8 @@ impl StoreError {
             HeldAlready(_) | NotHeld(_) | NobodyStandsBehind => 2,
             NoDirectory(_) | HalfBackup(_) | HalfRestore(_) | NotWhole { .. } => 3,
             IsBackup(_) | BadPlace { .. } => 2,
-            Change(_) => 1,
+            Assign(error) if matches!(**error, AssignError::FirstIsHighest | AssignError::LooksTheSame(_)) => 2,
+            Change(_) | Assign(_) => 1,
             OutOfOrder { .. } | TooLarge { .. } | OnlyRead(_) => 70,
         }
     }

@@ -6,13 +6,14 @@
 //!
 //! Two machines are built in, `sim-mill` and `sim-lathe`; their texts are in `store/machines/` and are the examples to copy from.
 //!
-//! Not here yet, because nothing reads them yet: sensors, ports and certificates of links.
+//! Not here yet, because nothing reads them yet: sensors.
 
 use crate::{Retention, StoreError};
 use plan::Diagnostic;
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::num::NonZeroU16;
+use std::path::{Path, PathBuf};
 use toml::Spanned;
 use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Rpm, Seconds, ToolNumber};
 
@@ -41,6 +42,38 @@ pub struct MachineFile {
     pub work_offsets: BTreeMap<String, [f64; 3]>,
     /// How long its records are kept.
     pub retention: Retention,
+    /// How its controller is reached.
+    pub link: LinkFile,
+    /// Servo cycles that may be lost in a row before its controller makes a controlled stop.
+    pub late_ticks_allowed: u32,
+    /// What happens at cycle start with a program that was edited outside.
+    pub edited_outside: EditedOutside,
+}
+
+/// Ports and certificates of the set-point link. The certificates of a controller and of a computer that drives one are named alike.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct LinkFile {
+    /// Port on which the controller listens.
+    pub port: Option<u16>,
+    /// Port on which the driving side listens for the reports of the text link.
+    pub report_port: Option<u16>,
+    /// Who this side is, PEM.
+    pub certificate: Option<PathBuf>,
+    /// The key to it, PEM.
+    pub key: Option<PathBuf>,
+    /// Whose signature the other side's certificate has to bear, PEM.
+    pub authority: Option<PathBuf>,
+}
+
+/// What happens at cycle start with a program that is another one than was known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EditedOutside {
+    /// It is said and recorded, and the program runs.
+    #[default]
+    Warn,
+    /// It is said and recorded, and nothing moves.
+    Refuse,
 }
 
 /// What kind of machine.
@@ -172,7 +205,16 @@ impl MachineFile {
     /// It cannot be read, is no UTF-8, or [`MachineFile::parse`] refuses it.
     pub fn open(path: &Path) -> Result<MachineFile, StoreError> {
         let text = std::fs::read_to_string(path).map_err(StoreError::io("read", path))?;
-        Self::parse(&text, &path.display().to_string())
+        let mut machine = Self::parse(&text, &path.display().to_string())?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let link = &mut machine.link;
+        for file in [&mut link.certificate, &mut link.key, &mut link.authority]
+            .into_iter()
+            .flatten()
+        {
+            *file = folder.join(&file);
+        }
+        Ok(machine)
     }
 
     /// Reads the text of a machine file; `file` is its name in messages.
@@ -204,7 +246,7 @@ impl MachineFile {
 }
 
 /// Line and column, from 1, in characters.
-fn place(text: &str, at: usize) -> (u32, u32) {
+pub(crate) fn place(text: &str, at: usize) -> (u32, u32) {
     let before = text.get(..at).unwrap_or(text);
     let line = before.matches('\n').count() + 1;
     let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
@@ -231,6 +273,33 @@ struct Text {
     tools: Vec<ToolText>,
     #[serde(default)]
     store: StoreText,
+    #[serde(default)]
+    link: LinkText,
+    late_ticks_allowed: Option<Spanned<u32>>,
+    #[serde(default)]
+    programs: ProgramsText,
+}
+
+/// What a machine without a word of it allows.
+const LATE_TICKS: u32 = 5;
+/// A tenth of a second without control is no control.
+const MOST_LATE_TICKS: u32 = 100;
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LinkText {
+    port: Option<NonZeroU16>,
+    report_port: Option<NonZeroU16>,
+    certificate: Option<PathBuf>,
+    key: Option<PathBuf>,
+    authority: Option<PathBuf>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ProgramsText {
+    #[serde(default)]
+    edited_outside: EditedOutside,
 }
 
 #[derive(Default, Deserialize)]
@@ -344,6 +413,13 @@ impl Text {
                 format!("the name {name:?} must have letters, and no `/`: it is part of register paths"),
             ));
         }
+        if let Some(late) = self
+            .late_ticks_allowed
+            .as_ref()
+            .filter(|late| *late.get_ref() > MOST_LATE_TICKS)
+        {
+            return Err((late.span().start, format!("late_ticks_allowed is 0 to {MOST_LATE_TICKS}")));
+        }
         let kind = *self.kind.get_ref();
         if kind == MachineKind::Mill && self.axes.y.is_none() {
             return Err((self.kind.span().start, "a mill needs [axes.y]".to_owned()));
@@ -417,10 +493,19 @@ impl Text {
             tool_change: Seconds(self.tool_change_s.0),
             tools,
             work_offsets,
+            edited_outside: self.programs.edited_outside,
             retention: Retention {
                 raw_days: self.store.raw_days.map_or(Retention::default().raw_days, |days| days.0),
                 quota_bytes: self.store.quota_bytes.map(|bytes| bytes.0),
             },
+            link: LinkFile {
+                port: self.link.port.map(NonZeroU16::get),
+                report_port: self.link.report_port.map(NonZeroU16::get),
+                certificate: self.link.certificate,
+                key: self.link.key,
+                authority: self.link.authority,
+            },
+            late_ticks_allowed: self.late_ticks_allowed.map_or(LATE_TICKS, Spanned::into_inner),
         })
     }
 }
@@ -527,8 +612,17 @@ mod tests {
             ("# quota_bytes = 500_000_000_000", "quota_bytes = 1.5"),
             "99:15: invalid type",
         );
+        check_refused(
+            ("edited_outside = \"warn\"", "edited_outside = \"maybe\""),
+            "103:18: unknown variant `maybe`, expected `warn` or `refuse`",
+        );
         check_refused(("number = 2", "number = 1"), "55:10: tool 1 is there already");
         check_refused(("name = \"sim-mill\"", "name = \"a/b\""), "2:8: the name \"a/b\"");
+        check_refused(
+            ("kind = \"mill\"", "kind = \"mill\"\nlate_ticks_allowed = 101"),
+            "4:22: late_ticks_allowed is 0 to 100",
+        );
+        check_refused(("[store]", "[link]\nport = 0\n[store]"), "98:8: ");
         check_refused(
             ("driver = \"sim\"", "driver = \"magic\""),
             "4:10: unknown variant `magic`, expected `sim`",

@@ -180,7 +180,7 @@ fn along(offset: &mut Offset, axis: Axis, value: f64) {
 }
 
 /// The values that a machine file begins with. Axes that the machine does not have are left out.
-fn first_day(machine: &MachineFile) -> BTreeMap<Register, f64> {
+pub fn first_day(machine: &MachineFile) -> BTreeMap<Register, f64> {
     let mut values = BTreeMap::new();
     let axes = || Axis::ALL.into_iter().filter(|a| machine.axis(*a).is_some());
     for (&number, tool) in &machine.tools {
@@ -229,6 +229,26 @@ impl DataDirectory {
             })
             .collect();
         self.change_values(&requests)
+    }
+
+    /// The registers of a machine that were ever set, with the events that set them.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn registers(&self, machine: &MachineFile) -> Result<BTreeMap<Register, (f64, u64)>, StoreError> {
+        let prefix = format!("{}/", machine.name);
+        let all = || -> rusqlite::Result<Vec<(String, f64, i64)>> {
+            let mut statement = self
+                .database
+                .prepare("SELECT path, value, event FROM registers WHERE substr(path, 1, length(?1)) = ?1")?;
+            let rows = statement.query_map([&prefix], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))?;
+            rows.collect()
+        };
+        let rows = all().map_err(self.failed())?;
+        let ours = rows
+            .into_iter()
+            .filter_map(|(path, value, event)| Some((Register::parse(&path[prefix.len()..])?, (value, event.unsigned_abs()))));
+        Ok(ours.collect())
     }
 
     /// What a machine has ready now.

@@ -16,6 +16,8 @@ pub(crate) const MIGRATIONS: &[&str] = &[
     include_str!("schema/1.sql"),
     include_str!("schema/holds.sql"),
     include_str!("schema/sizing.sql"),
+    include_str!("schema/operators.sql"),
+    include_str!("schema/programs.sql"),
 ];
 
 /// Opens the database at `path`, making or migrating it.

@@ -204,22 +204,6 @@ impl DataDirectory {
         )?;
         Ok(!started.is_empty())
     }
-
-    fn told(&self, which: &str, value: &str, from: u64) -> Result<Vec<Event>, StoreError> {
-        let failed = self.failed();
-        let mut statement = self
-            .database
-            .prepare(&format!(
-                "SELECT * FROM events WHERE log = 0 AND sequence >= ?2 AND {which} ORDER BY sequence"
-            ))
-            .map_err(&failed)?;
-        let rows = statement
-            .query_map(params![value, from as i64], |row| {
-                Ok(crate::events::event_of(crate::Log::Directory, row))
-            })
-            .map_err(&failed)?;
-        rows.map(|row| row.map_err(&failed)?).collect()
-    }
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 
 use crate::directory::DATABASE;
 use crate::events::end_of;
+use crate::people_verified::ToldOfPeople;
 use crate::retention_verified::ToldOfRetention;
 use crate::sizing_verified::ToldOfSizing;
 use crate::{
@@ -68,6 +69,8 @@ const CHECKED: &[&str] = &[
     "events",
     "holds",
     "jobs",
+    "operators",
+    "programs",
     "records",
     "registers",
     "removals",
@@ -86,6 +89,7 @@ struct Told {
     files: BTreeMap<String, kept::KeptFile>,
     retention: ToldOfRetention,
     sizing: ToldOfSizing,
+    people: ToldOfPeople,
 }
 
 struct JobEnd {
@@ -175,7 +179,8 @@ impl DataDirectory {
         self.verify_jobs(told, done)?;
         self.verify_records(told, done)?;
         self.verify_retention(&told.retention, &mut done.findings)?;
-        self.verify_sizing(&told.sizing, &mut done.findings)
+        self.verify_sizing(&told.sizing, &mut done.findings)?;
+        self.verify_people(&told.people, &mut done.findings)
     }
 
     /// SQLite's own check: pages, their order, indexes, types, constraints.
@@ -616,6 +621,7 @@ impl Told {
         let text = |name: &str| detail.get(name).and_then(Value::as_str);
         self.retention.hear(event);
         self.sizing.hear(event);
+        self.people.hear(event);
         match event.kind.as_str() {
             "change" => {
                 if let (Some(path), Some(after)) = (text("path"), detail.get("after").and_then(Value::as_f64)) {

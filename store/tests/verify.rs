@@ -33,7 +33,7 @@ fn a_populated_directory_is_good_and_says_what_was_looked_at() {
     populate(folder.path(), outside.path());
     let done = verify(folder.path(), |_| {}).expect("verifies");
     assert_eq!((&done.findings, &done.remarks), (&vec![], &vec![]));
-    assert_eq!((done.jobs, done.records, done.values), (3, 3, 1));
+    assert_eq!((done.jobs, done.records, done.values), (3, 3, 3));
     // Two records (one was removed by age), three reports, one program: the three jobs ran the same one.
     assert_eq!(done.files, 6);
     let directory = DataDirectory::read(folder.path()).expect("reads");
@@ -88,6 +88,8 @@ const TABLES: &[(&str, &str)] = &[
     ("events", "table events, log"),
     ("holds", "(table holds)"),
     ("jobs", "(table jobs)"),
+    ("operators", "(table operators)"),
+    ("programs", "(table programs)"),
     ("registers", "(table registers)"),
     ("records", "(table records)"),
     ("removals", "(table removals)"),
@@ -131,6 +133,8 @@ fn a_change_in_any_cell_of_any_table_is_found_and_its_table_is_named() {
                     })
                     .expect("reads");
                 let forged = match (cell, column.as_str()) {
+                    // Another one that the table allows.
+                    (Value::Integer(n), "level") => Value::Integer(n % 10 + 1),
                     (Value::Integer(n), _) => Value::Integer(n + 1000),
                     (Value::Real(x), _) => Value::Real(-x),
                     (Value::Null, _) => Value::Integer(5),
@@ -182,6 +186,8 @@ fn content(path: &Path) -> Option<Vec<String>> {
         "events",
         "holds",
         "jobs",
+        "operators",
+        "programs",
         "registers",
         "records",
         "removals",

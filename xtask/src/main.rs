@@ -55,6 +55,20 @@ const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
         200,
     ),
     (
+        "link",
+        "cell",
+        "a_hundred_seeds_of_link_faults_move_nothing_wrong_and_the_part_is_finished",
+        "SEEDS",
+        1_000,
+    ),
+    (
+        "text-link",
+        "cell",
+        "a_damaged_text_link_ends_in_a_defined_stop_and_what_cannot_be_noticed_is_counted",
+        "SEEDS",
+        1_000,
+    ),
+    (
         "blocks",
         "motion",
         "a_long_program_passes_through_a_bounded_window",

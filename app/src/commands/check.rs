@@ -3,11 +3,13 @@
 use super::{Done, print_json};
 use crate::cli::{Common, ProgramArgs};
 use crate::failure::Exit;
+use crate::people::Acting;
 use crate::program::{Program, machine_for, named_machine};
 use crate::survey::{Check, State, checks, survey};
-use crate::{say, shop};
+use crate::{cycle_start, functions, say, shop};
 use serde_json::json;
 use store::MachineFile;
+use store::machine_file::EditedOutside;
 use units::{Axis, Millimetres};
 
 /// Runs the command.
@@ -34,7 +36,24 @@ pub fn check(args: &ProgramArgs, common: &Common) -> Done {
         violations.retain(|violation| !known.contains(&violation.code));
         found.remarks.extend(violations);
     }
-    let all = checks(&found, travels(&machine), &tables);
+    let mut all = checks(&found, travels(&machine), &tables);
+    let level = match shop::directory_to_look(common)? {
+        None => Some(ledger::Level::HIGHEST),
+        Some(directory) => Acting::of(&directory, common)?.level,
+    };
+    let functions = functions::look(&program, &tables)?;
+    functions::checks(&functions, level.map(ledger::Level::number), &mut all);
+    if let Some(directory) = shop::directory_to_look(common)?
+        && let Some(known) = directory.known_program(&program.path).map_err(shop::failure)?
+        && let Some(text) = cycle_start::difference(&program.path, program.hash, &known)
+    {
+        let refused = machine.edited_outside == EditedOutside::Refuse;
+        all.push(Check {
+            state: if refused { State::Fail } else { State::Warning },
+            name: "program",
+            text,
+        });
+    }
     let worst = worst(&all);
     let (dialect, because) = program.dialect();
     if common.json {

@@ -7,7 +7,7 @@
 use super::size::{self, Bench, Entering};
 use super::{Done, print_json};
 use crate::cli::{Common, DemoArgs, DisplayUnits};
-use crate::execution::{self, Order, Run};
+use crate::execution::{self, Drives, Order, Run, Work};
 use crate::failure::{Exit, Failure};
 use crate::program::{Program, machine_for};
 use crate::survey::minutes;
@@ -338,7 +338,7 @@ impl Story<'_> {
         let who = self.who();
         self.directory.take_over(&machine, &who, start).map_err(shop::failure)?;
         let order = Order {
-            program,
+            work: Work::Program(program),
             machine: &machine,
             tables: self.directory.tables(&machine).map_err(shop::failure)?,
             seed: self.common.seed,
@@ -349,6 +349,10 @@ impl Story<'_> {
             tolerance: None,
             fast: true,
             who: &who,
+            drives: Drives::World,
+            stop: None,
+            level: Some(ledger::Level::HIGHEST.number()),
+            found: None,
         };
         execution::run(&order, self.directory, part)
     }

@@ -1,4 +1,6 @@
-//! `toolmark edit`: single changes of a STEP-NC file, one after the other, each on what the one before it gave.
+//! `toolmark edit`: single changes of a STEP-NC file, one after the other, each on what the one before it gave. `guard` says who may.
+
+pub mod guard;
 
 use super::{Done, print_json};
 use crate::cli::{Cli, Common, EditArgs};
@@ -6,6 +8,8 @@ use crate::failure::{Exit, Failure};
 use crate::program::Program;
 use crate::{files, say, shop};
 use clap::CommandFactory;
+use guard::Guard;
+use ledger::Hash;
 use serde_json::json;
 use stepnc::edit::{ChangeError, Insert, ProgramEdits, Target};
 use stepnc::select::{SelectError, select, select_spot};
@@ -13,7 +17,7 @@ use units::MmPerSec;
 
 /// One change, as it was asked for.
 #[derive(Clone, Debug)]
-struct Change {
+pub struct Change {
     /// The option.
     what: &'static str,
     /// Its values.
@@ -43,6 +47,12 @@ pub fn edit(args: &EditArgs, common: &Common) -> Done {
     let original = step_nc.file().bytes();
     let mut bytes = original.to_vec();
     let mut notices: Vec<String> = Vec::new();
+    // Without a change there is nothing to be guarded or told.
+    let mut guard = if changes.is_empty() {
+        None
+    } else {
+        Some(Guard::open(&program, common)?)
+    };
     for change in &changes {
         let before = stepnc::Program::read(&program.name, bytes)
             .map_err(|error| Failure::unreadable(format_args!("{}: {error}", args.program.display())))?;
@@ -54,20 +64,35 @@ pub fn edit(args: &EditArgs, common: &Common) -> Done {
                 notices.push(notice);
             }
         }
-        bytes = saved.bytes;
+        bytes = match &mut guard {
+            Some(guard) => guard.pass(&before, saved.bytes, change)?,
+            None => saved.bytes,
+        };
     }
-    files::write(&args.out, &bytes)?;
+    let changed = bytes != original;
+    let event = match &mut guard {
+        Some(guard) if changed => Some(guard.write(&args.out, original, &bytes)?),
+        _ => {
+            files::write(&args.out, &bytes)?;
+            None
+        }
+    };
+    notices.extend(guard.as_ref().and_then(|guard| guard.edited_outside.clone()));
     for notice in &notices {
         shop::notice(notice);
     }
-    let changed = bytes != original;
     if common.json {
         print_json(&json!({
             "file": args.out,
             "changed": changed,
             "edits": changes.iter().map(|change| json!({ "edit": change.what, "of": change.words })).collect::<Vec<_>>(),
-            "operator": shop::operator(common),
+            "operator": guard.as_ref().map_or_else(|| shop::operator(common), |guard| guard.acting.name.clone()),
+            "by": guard.as_ref().map(|guard| guard.acting.json()),
             "reason": common.reason,
+            "told": guard.as_ref().map(|guard| &guard.told),
+            "event": event.as_ref().map(|event| event.sequence),
+            "before_sha256": program.hash.to_string(),
+            "after_sha256": Hash::of(&bytes).to_string(),
         }))?;
     } else {
         let what = match (changes.len(), changed) {
@@ -76,7 +101,8 @@ pub fn edit(args: &EditArgs, common: &Common) -> Done {
             (1, true) => "1 edit".to_owned(),
             (n, true) => format!("{n} edits"),
         };
-        say(&format!("{}: {what}", args.out.display()));
+        let told = event.map_or_else(String::new, |event| format!(" (event {} of the log)", event.sequence));
+        say(&format!("{}: {what}{told}", args.out.display()));
     }
     Ok(Exit::Good)
 }

@@ -4,7 +4,9 @@ use super::trace::job_named;
 use super::{Done, print_json};
 use crate::cli::{Common, HoldArgs};
 use crate::failure::{Exit, Failure};
+use crate::people::Acting;
 use crate::{clock, say, shop};
+use ledger::Action;
 use serde_json::json;
 
 /// Runs the command.
@@ -15,8 +17,11 @@ pub fn hold(args: &HoldArgs, common: &Common) -> Done {
     let why = common.reason.as_deref().filter(|why| !why.trim().is_empty());
     let why = why.ok_or_else(|| Failure::usage("a hold and its release need a reason: give --reason TEXT"))?;
     let at = clock::start_time(common.start.as_deref())?;
-    let who = shop::operator(common);
     let mut directory = shop::data_directory(common)?;
+    let acting = Acting::of(&directory, common)?;
+    let action = if args.release { Action::Release } else { Action::Hold };
+    acting.must(action, &mut directory, at)?;
+    let who = acting.name;
     let job = job_named(&directory, &args.job)?.id;
     if args.release {
         directory.release_job(job, &who, why, at).map_err(shop::failure)?;

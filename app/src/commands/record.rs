@@ -41,7 +41,7 @@ pub fn record(args: &RecordArgs, common: &Common) -> Done {
                 .ok_or_else(|| Failure::usage(format_args!("--duration {seconds}: a number of seconds above 0 was expected")))?,
         ),
     };
-    let stop = stopped_by_signals()?;
+    let stop = super::stopped_by_signals()?;
     let source = format!("agent {}{}", query.authority(), query.device);
     let host = (query.host.clone(), query.port);
     let Some(out) = &args.out else {
@@ -122,19 +122,6 @@ fn into_data_directory(
 
 fn ending_of(path: &Path) -> &str {
     path.extension().and_then(|e| e.to_str()).unwrap_or_default()
-}
-
-/// Ctrl-C, and what a system says to a service that shall end. A second Ctrl-C ends at once, as if there were no first one.
-fn stopped_by_signals() -> Result<Arc<AtomicBool>, Failure> {
-    use signal_hook::consts::{SIGINT, SIGTERM};
-    use signal_hook::flag;
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
-        flag::register_conditional_default(signal, Arc::clone(&stop))
-            .and_then(|_| flag::register(signal, Arc::clone(&stop)))
-            .map_err(|e| Failure::machine(format_args!("Ctrl-C cannot be listened for: {e}")))?;
-    }
-    Ok(stop)
 }
 
 fn report(ended: &Ended, sink: &dyn Sink, source: &str, place: &Place<'_>, lost: &str, common: &Common) -> Done {

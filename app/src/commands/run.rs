@@ -2,16 +2,27 @@
 
 use super::check::{print, travels, worst};
 use super::{Done, print_json, tolerance};
-use crate::cli::{Common, RunArgs};
-use crate::execution::{Order, run as execute};
+use crate::cli::{Common, LinkName, RunArgs};
+use crate::cycle_start::{self, Checked};
+use crate::execution::{Drives, Order, Run, Work, run as execute};
 use crate::failure::{Exit, Failure};
+use crate::link::remote::{Machine, Remote};
+use crate::link::text_run::REPORT_PORT;
+use crate::link::{address, certificates, driving, text_run};
+use crate::people::{self, Acting};
 use crate::program::{Program, machine_for, named_machine};
-use crate::survey::{State, checks, minutes, survey};
-use crate::{clock, report, say, shop};
+use crate::survey::{Check, State, checks, minutes, survey};
+use crate::{clock, functions, report, say, shop};
 use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
+use ledger::{Action, Hash};
+use machine::link::PlanId;
+use motion::Trajectory;
+use plan::Tables;
 use serde_json::json;
-use units::Seconds;
+use std::path::Path;
+use store::MachineFile;
+use units::{Point, Seconds, Timestamp};
 
 /// Runs the command.
 ///
@@ -22,21 +33,44 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let thinned = args.as_mtconnect.as_deref().map(thinning).transpose()?;
     let shifted = args.plant_shift.as_deref().map(planted_shift).transpose()?;
     let start = clock::start_time(common.start.as_deref())?;
-    let mut program = Program::open(
-        &args.program,
-        common.dialect.as_deref(),
-        named_machine(&common.machine)?.as_ref(),
+    let behind = address::is_address(&common.machine);
+    if behind && args.fast {
+        return Err(Failure::usage(
+            "--fast is for the simulated world in this process; a controller runs in real time",
+        ));
+    }
+    let named = if behind { None } else { named_machine(&common.machine)? };
+    let mut program = Program::open(&args.program, common.dialect.as_deref(), named.as_ref())?;
+    let asked = people::unchecked_name(common);
+    if args.link == LinkName::Text {
+        return run_over_text(args, &mut program, common);
+    }
+    let driver = Driver::connect(
+        common,
+        args.machine_file.as_deref(),
+        program.turns(),
+        &format!("{} of {asked}", program.name),
+        start,
     )?;
-    let machine = machine_for(&common.machine, program.turns())?;
+    let machine = driver.machine.clone();
+    let stop = super::stopped_by_signals()?;
     let mut directory = shop::data_directory(common)?;
     shop::retain(&mut directory, &machine, start)?;
-    let who = shop::operator(common);
+    let acting = Acting::of(&directory, common)?;
+    acting.must(Action::Run, &mut directory, start)?;
+    let who = acting.name.clone();
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
-    let tables = directory.tables(&machine).map_err(shop::failure)?;
+    let mut tables = directory.tables(&machine).map_err(shop::failure)?;
+    driver.place(&mut tables)?;
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
 
     let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
-    let all = checks(&found, travels(&machine), &tables);
+    let mut all = checks(&found, travels(&machine), &tables);
+    functions::checks(
+        &functions::look(&program, &tables)?,
+        acting.level.map(ledger::Level::number),
+        &mut all,
+    );
     if !common.json {
         all.iter().filter(|c| c.state != State::Ok).for_each(print);
     }
@@ -59,9 +93,22 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             found.workingsteps
         )));
     }
+    if shifted.is_some() && !driver.is_simulated() {
+        return Err(Failure::usage("--plant-shift is for practice on simulated machines only"));
+    }
+    let checked = Checked {
+        path: &program.path,
+        hash: program.hash,
+        what: "run",
+        asked: args.edited_outside.map(Into::into),
+    };
+    let edited = cycle_start::check(&checked, &machine, &acting, &mut directory, common, start)?;
+    if let Some(sentence) = &edited {
+        shop::notice(sentence);
+    }
     let faults = shifted.map(planted).into_iter().collect();
     let order = Order {
-        program: &program,
+        work: Work::Program(&program),
         machine: &machine,
         tables,
         seed: common.seed,
@@ -72,8 +119,170 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         tolerance,
         fast: args.fast,
         who: &who,
+        drives: drives_of(&driver),
+        stop: Some(&stop),
+        level: acting.level.map(ledger::Level::number),
+        found: edited.clone(),
     };
     let done = execute(&order, &mut directory, None)?;
+    tell_outcome(&done, &program.name, &machine, &all, (&acting, edited.as_deref()), common)
+}
+
+/// A run over the published text protocol: the plan goes out, and the record is the controller's.
+fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done {
+    if !address::is_address(&common.machine) {
+        return Err(Failure::usage(
+            "--link text is for a machine behind tcp://; start toolmark controller --link text",
+        ));
+    }
+    if args.as_mtconnect.is_some() || args.plant_shift.is_some() || args.out.is_some() || args.tolerance.is_some() {
+        return Err(Failure::usage(
+            "--out, --tolerance, --as-mtconnect and --plant-shift need a record, which the text protocol does not bring: toolmark controller --link text --record DIR keeps it",
+        ));
+    }
+    let machine = machine_file_behind(common, args.machine_file.as_deref(), program.turns())?;
+    let start = clock::start_time(common.start.as_deref())?;
+    let mut directory = shop::data_directory(common)?;
+    let acting = Acting::of(&directory, common)?;
+    acting.must(Action::Run, &mut directory, start)?;
+    directory.take_over(&machine, &acting.name, start).map_err(shop::failure)?;
+    let tables = directory.tables(&machine).map_err(shop::failure)?;
+    program.variables = directory.variables(&machine).map_err(shop::failure)?;
+    let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
+    let all = checks(&found, travels(&machine), &tables);
+    if !common.json {
+        all.iter().filter(|c| c.state != State::Ok).for_each(print);
+    }
+    if worst(&all) == State::Fail {
+        return Err(Failure::negative("the check failed, nothing was moved"));
+    }
+    let stop = super::stopped_by_signals()?;
+    let lengths = tables
+        .tools
+        .iter()
+        .map(|(n, tool)| (n.0, tool.geometry.0.xyz[2] + tool.wear.0.xyz[2]))
+        .collect();
+    let mut source = Trajectory::new(program.stream(&tables)?, tables.position, shop::limits(&machine));
+    let port = args.report_port.or(machine.link.report_port).unwrap_or(REPORT_PORT);
+    let address = address::read(&common.machine)?;
+    let done = text_run::run(&address, port, &shop::parameters(&machine), lengths, &mut source, &stop)?;
+    let losses = done.losses.lines();
+    if common.json {
+        print_json(&json!({
+            "link": "text",
+            "ended": if done.ended.is_some() { "stopped" } else { "sent" },
+            "text": done.ended.as_deref().unwrap_or("every line went out"),
+            "lines": done.lines,
+            "commands": done.commands,
+            "told": done.told,
+            "losses": losses,
+            "checks": all,
+        }))?;
+    } else {
+        say(&format!(
+            "{} over the text protocol to {address}: {}, {} movement lines",
+            program.name,
+            done.ended.as_deref().unwrap_or("every line went out"),
+            done.lines
+        ));
+        losses.iter().chain(&done.told).for_each(|line| say(&format!("  {line}")));
+    }
+    Ok(if done.ended.is_none() { Exit::Good } else { Exit::Negative })
+}
+
+/// The file of a machine behind an address.
+fn machine_file_behind(common: &Common, file: Option<&Path>, turns: bool) -> Result<MachineFile, Failure> {
+    if let Some(path) = file {
+        return MachineFile::open(path).map_err(shop::failure);
+    }
+    let own = shop::data_path(common)?.join("machine.toml");
+    if own.is_file() {
+        MachineFile::open(&own).map_err(shop::failure)
+    } else {
+        machine_for("sim", turns)
+    }
+}
+
+/// The machine of a run: its file, and the link to it where it is somewhere else.
+pub struct Driver {
+    /// Its file.
+    pub machine: MachineFile,
+    behind: Option<(Remote, Machine)>,
+}
+
+/// Who moves the axes of an order.
+pub fn drives_of(driver: &Driver) -> Drives<'_> {
+    match &driver.behind {
+        None => Drives::World,
+        Some((remote, machine)) => Drives::Behind(remote, machine),
+    }
+}
+
+impl Driver {
+    /// The machine that `--machine` means; a controller is connected to, as `name`.
+    ///
+    /// # Errors
+    /// The machine file cannot be read, nobody answers, or the controller's machine is another one.
+    pub fn connect(common: &Common, file: Option<&Path>, turns: bool, name: &str, start: Timestamp) -> Result<Driver, Failure> {
+        if !address::is_address(&common.machine) {
+            if file.is_some() {
+                return Err(Failure::usage(
+                    "--machine-file is for a machine behind tcp://; --machine takes a file itself",
+                ));
+            }
+            let machine = machine_for(&common.machine, turns)?;
+            return Ok(Driver { machine, behind: None });
+        }
+        let address = address::read(&common.machine)?;
+        let machine = machine_file_behind(common, file, turns)?;
+        let loopback = address.resolve()?.iter().all(|a| a.ip().is_loopback());
+        let client = certificates::for_connecting(&address.host, loopback, &machine.link)?;
+        // Each run is a plan of its own: it begins where the machine stands now.
+        let plan = Hash::of(format!("{name} {}", start.0).as_bytes());
+        let plan = PlanId(plan.0);
+        let (remote, found) = Remote::connect(&address, client, name, plan, &shop::parameters(&machine))?;
+        if found.name != machine.name {
+            shop::notice(&format!(
+                "{address} is '{}'; the plan is made for '{}', which has the same limits",
+                found.name, machine.name
+            ));
+        }
+        Ok(Driver {
+            machine,
+            behind: Some((remote, found)),
+        })
+    }
+
+    /// Puts the place where the machine stands into the tables: that is where a plan begins.
+    ///
+    /// # Errors
+    /// The machine does not become ready.
+    pub fn place(&self, tables: &mut Tables) -> Result<(), Failure> {
+        if let Some((remote, _)) = &self.behind {
+            let report = driving::make_ready(remote)?;
+            tables.position = Point::from_xyz(report.sample.commanded);
+        }
+        Ok(())
+    }
+
+    /// True when nothing of it is real.
+    pub fn is_simulated(&self) -> bool {
+        drives_of(self).is_simulated()
+    }
+}
+
+/// Says how a run ended.
+///
+/// # Errors
+/// The answer is no JSON.
+pub fn tell_outcome(
+    done: &Run,
+    program: &str,
+    machine: &MachineFile,
+    all: &[Check],
+    (acting, edited): (&Acting, Option<&str>),
+    common: &Common,
+) -> Done {
     let good = done.outcome.ended == Ended::Completed
         && !matches!(done.rebuild.report.verdict, Verdict::OutOfTolerance | Verdict::Incomplete);
     if common.json {
@@ -88,16 +297,23 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             "checks": all,
             "report": done.rebuild.report,
             "printed": done.printed.lines,
+            "driven": done.driven,
+            "functions": done.printed.functions,
+            "by": acting.json(),
+            "edited_outside": edited,
         }))?;
     } else {
         say(&format!(
-            "SIMULATED run of {} on {}: {} in {} of machine time, {} rows recorded",
-            program.name,
+            "{}run of {program} on {}: {} in {} of machine time, {} rows recorded",
+            if done.rebuild.report.simulated { "SIMULATED " } else { "" },
             machine.name,
             done.outcome.ended.text(),
             minutes(done.outcome.time.0),
             done.record.rows
         ));
+        if let Some(driven) = &done.driven {
+            say(&format!("  {}", driven.line()));
+        }
         for gap in &done.gaps {
             say(&format!("warning: the record has a gap: {gap}"));
         }
@@ -105,6 +321,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         for line in &done.printed.lines {
             say(&format!("  printed: {line}"));
         }
+        functions::print(&done.printed.functions);
         let folder = done.folder.display();
         say(&format!(
             "files: {folder}/as-executed.stpnc, report.html, report.json, record.parquet"

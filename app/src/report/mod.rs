@@ -6,6 +6,7 @@ pub mod plot;
 use crate::cli::DisplayUnits;
 use crate::failure::Failure;
 use crate::files;
+use crate::link::driving::Driven;
 use crate::printed::Printed;
 use crate::say;
 use asrun::{Report, ToleranceSource, Verdict, WorkingstepReport};
@@ -18,6 +19,8 @@ pub struct Page<'a> {
     pub program: &'a str,
     /// The machine, or where the record came from.
     pub machine: &'a str,
+    /// What only a run on a machine behind the link tells.
+    pub driven: Option<&'a Driven>,
     /// How the run ended, when we ran it.
     pub ended: Option<String>,
     /// What proves it: hashes, seed, start.
@@ -35,6 +38,8 @@ struct Told<'a> {
     report: &'a Report,
     #[serde(flatten)]
     printed: &'a Printed,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    driven: Option<&'a Driven>,
 }
 
 /// Writes `report.html` and `report.json` into a folder.
@@ -45,6 +50,7 @@ pub fn write(page: &Page<'_>, folder: &Path) -> Result<(), Failure> {
     let told = Told {
         report: page.report,
         printed: page.printed,
+        driven: page.driven,
     };
     let json = serde_json::to_vec_pretty(&told).map_err(|e| Failure::machine(format_args!("the report is no JSON: {e}")))?;
     files::write(&folder.join("report.json"), &json)?;

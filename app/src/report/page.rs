@@ -22,6 +22,7 @@ pub fn html(page: &Page<'_>) -> String {
         workingstep(&mut out, w);
     }
     printed(&mut out, page);
+    functions(&mut out, page);
     proof(&mut out, page);
     frame(&title, &out)
 }
@@ -80,6 +81,24 @@ fn head(out: &mut String, page: &Page<'_>, title: &str) {
     fact("samples", &format!("{}, {} unmatched", report.samples, report.unmatched));
     fact("runs", &format!("{} feed, {} rapid", report.feed_runs, report.rapid_runs));
     fact("tolerance", &tolerance);
+    if let Some(driven) = page.driven {
+        let three = |v: [f64; 3]| v.map(|mm| format!("{mm:.4}")).join(", ");
+        fact("driven over", &driven.controller);
+        fact(
+            "following error X, Y, Z",
+            &format!("at most {} mm", three(driven.following_error_max_mm)),
+        );
+        fact("its rms in motion", &format!("{} mm", three(driven.following_error_rms_mm)));
+        fact(
+            "buffer in motion",
+            &format!("{} at least, {:.0} ms on average", driven.fewest(), driven.buffer_mean_ms),
+        );
+        fact("late ticks", &format!("{} in {} gaps", driven.late_ticks, driven.late_gaps));
+        fact(
+            "starved, link cut",
+            &format!("{} times, {} times", driven.starvations, driven.link_cuts),
+        );
+    }
     out.push_str("</dl>");
 }
 
@@ -105,6 +124,30 @@ fn printed(out: &mut String, page: &Page<'_>) {
         out,
         "<h2>Printed by the program</h2><div class='wide'><pre>{lines}</pre></div>"
     );
+}
+
+/// Records of functions that a page shows; all of them are in its JSON and in the log.
+const MOST_FUNCTIONS: usize = 500;
+
+fn functions(out: &mut String, page: &Page<'_>) {
+    let all = &page.printed.functions;
+    if all.is_empty() {
+        return;
+    }
+    out.push_str("<h2>Functions of the program</h2><div class='wide'><table><tr><th>s</th><th>function</th><th>record</th></tr>");
+    for told in all.iter().take(MOST_FUNCTIONS) {
+        let _ = write!(
+            out,
+            "<tr><td>{:.3}</td><td>{}</td><td>{}</td></tr>",
+            told.t_s,
+            escape(&told.function),
+            escape(&told.text)
+        );
+    }
+    out.push_str("</table></div>");
+    if all.len() > MOST_FUNCTIONS {
+        let _ = write!(out, "<p>and {} more: see report.json</p>", all.len() - MOST_FUNCTIONS);
+    }
 }
 
 fn table(out: &mut String, report: &Report) {

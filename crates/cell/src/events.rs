@@ -22,7 +22,8 @@
 //! | `nc-function` | `kind`, `name`, `text`, `properties` |
 //! | `question` | `question`, `answer` |
 //! | `alarm` | `number`, `code`, `text` |
-//! | `hold`, `cycle-start` | |
+//! | `hold`, `cycle-start`, `homing` | |
+//! | `override` | `feed_percent`, `rapid_percent`, `spindle_percent` |
 //! | `controlled-stop`, `stopped` | `cause`, `axis`: begins, and has come to rest |
 //! | `emergency-stop`, `emergency-stop-released` | |
 //! | `fault` | `cause`, `axis` |
@@ -193,7 +194,7 @@ pub(crate) fn of_stop(cause: StopCause) -> Detail {
 /// Data of a `fault` event.
 pub(crate) fn of_fault(cause: FaultCause) -> Detail {
     let axis = match cause {
-        FaultCause::FollowingError { axis } | FaultCause::Encoder { axis } => Some(axis),
+        FaultCause::FollowingError { axis } | FaultCause::Encoder { axis } | FaultCause::Homing { axis } => Some(axis),
         _ => None,
     };
     detail(json!({ "cause": cause.text(), "axis": axis.map(axis_word) }))

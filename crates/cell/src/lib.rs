@@ -11,15 +11,18 @@
 
 pub mod events;
 pub mod faults;
+pub mod link;
 pub mod observe;
 pub mod office;
 pub mod proof;
+pub mod restart;
 pub mod sim;
 pub mod sink;
 pub mod source;
 
 pub use faults::{Fault, ShiftedSetup, WorkingstepSelector};
 pub use office::{Ended, OfficeHalf, Operator};
+pub use restart::{Approach, Restarted};
 pub use sim::{Outcome, World, WorldConfig};
 pub use sink::{RecordSink, Tee};
 pub use source::{CommandSource, Output};

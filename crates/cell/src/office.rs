@@ -8,10 +8,13 @@ use crate::events::{self, Detail, detail};
 use crate::sink::RecordSink;
 use crate::source::{CommandSource, Output};
 use ledger::Chain;
-use machine::{Command, Counters, FaultCause, Report, Request, Sample, State, StopCause, Wait};
+use machine::watch::{Firing, LoadError, Situation};
+use machine::{Command, Counters, FaultCause, Overrides, Report, Request, Sample, State, StopCause, Wait};
 use plan::{Alarm, Answer, Level, Place, Question, Step, StepKind};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
+use trace::compile::Compiled;
+use trace::record::{Order, Recorder};
 use units::{StepId, Tick, Timestamp};
 
 /// Steps without motion that may wait for their turn: more of them wait in the program.
@@ -51,6 +54,8 @@ pub enum Ended {
     Fault(FaultCause),
     /// The machine waits for cycle start and nobody is there.
     Waiting,
+    /// The machine does not know where its axes are and nobody is there.
+    NotHomed,
 }
 
 impl Ended {
@@ -63,6 +68,7 @@ impl Ended {
             Ended::EmergencyStop => "emergency-stop",
             Ended::Fault(_) => "fault",
             Ended::Waiting => "waiting",
+            Ended::NotHomed => "not-homed",
         }
     }
 
@@ -75,6 +81,7 @@ impl Ended {
             Ended::EmergencyStop => "emergency stop".to_owned(),
             Ended::Fault(cause) => format!("fault: {}", cause.text()),
             Ended::Waiting => "the machine waits for cycle start and nobody is there".to_owned(),
+            Ended::NotHomed => "the machine is not homed and nobody is there: home it, then start again".to_owned(),
         }
     }
 }
@@ -105,6 +112,7 @@ pub struct OfficeHalf<'a, S> {
     alarm: Option<Box<Alarm>>,
     state: State,
     counters: Counters,
+    overrides: Overrides,
     lost_reports: u64,
     /// Cycles in the present waiting state.
     waited: u64,
@@ -115,7 +123,36 @@ pub struct OfficeHalf<'a, S> {
     commands_at_change: u64,
     last_sample: Sample,
     ended: Option<Ended>,
+    /// Does what the program's functions say.
+    functions: Option<Box<Recorder>>,
+    /// What the machine has to be told for a function, before the program goes on.
+    orders: VecDeque<Command>,
+    /// A condition that has to be loaded before the program goes on.
+    to_load: Option<(String, Compiled, StepId)>,
+    /// Firings of the coming report's cycle.
+    firings: Vec<Firing>,
+    lost_firings: u64,
 }
+
+/// Events of the control itself, which `log_nc_events` records.
+const OF_THE_CONTROL: &[&str] = &[
+    "alarm",
+    "controlled-stop",
+    "cycle-start",
+    "emergency-stop",
+    "emergency-stop-released",
+    "encoder-bridged",
+    "fault",
+    "following-warning",
+    "hold",
+    "in-position-timeout",
+    "late",
+    "off-path-stop",
+    "spindle-limited",
+    "starved",
+    "stop",
+    "stopped",
+];
 
 enum Pending {
     Step(Step),
@@ -163,6 +200,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             alarm: None,
             state: State::Off,
             counters: Counters::default(),
+            overrides: Overrides::default(),
             lost_reports: 0,
             waited: 0,
             stood: 0,
@@ -170,7 +208,18 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             commands_at_change: 0,
             last_sample: Sample::default(),
             ended: None,
+            functions: None,
+            orders: VecDeque::new(),
+            to_load: None,
+            firings: Vec::new(),
+            lost_firings: 0,
         }
+    }
+
+    /// Does what the functions of the program say; without it they are told as steps and do nothing.
+    pub fn with_functions(mut self, recorder: Recorder) -> Self {
+        self.functions = Some(Box::new(recorder));
+        self
     }
 
     /// Answers questions other than the optional stop; what it does not know, and without it, the machine answers: places and times.
@@ -192,7 +241,14 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
                 }
                 self.commands += 1;
             }
-            if self.asked.is_some() || self.source_over || self.pending.len() >= PENDING {
+            if let Some(order) = self.orders.pop_front() {
+                self.waiting = Some(order);
+                continue;
+            }
+            if self.to_load.is_some() {
+                return;
+            }
+            if self.asked.is_some() || self.source_over || self.pending.len() >= PENDING || !self.source.is_ready() {
                 return;
             }
             match self.source.next(self.answer.take()) {
@@ -202,6 +258,10 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
                 }
                 Output::Passed(step) => {
                     self.last_step = step.id;
+                    if let Some(recorder) = &mut self.functions {
+                        let orders = recorder.orders(&step);
+                        self.take_orders(orders, step.id);
+                    }
                     self.pending.push_back((self.commands, Pending::Step(step)));
                 }
                 Output::Ask(question) => self.asked = Some(question),
@@ -219,6 +279,49 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         }
     }
 
+    fn take_orders(&mut self, orders: Vec<Order>, step: StepId) {
+        for order in orders {
+            match order {
+                Order::Say(order) => self.orders.push_back(Command::Watch { order, step }),
+                Order::Load(line, compiled) => self.to_load = Some((line, compiled, step)),
+            }
+        }
+    }
+
+    /// A condition that has to be loaded into the machine's watches before the program goes on: one that was not seen beforehand.
+    pub fn to_load(&self) -> Option<&Compiled> {
+        self.to_load.as_ref().map(|(_, compiled, _)| compiled)
+    }
+
+    /// What became of it.
+    pub fn loaded(&mut self, number: Result<u16, LoadError>) {
+        let (Some((line, _, step)), Some(recorder)) = (self.to_load.take(), &mut self.functions) else {
+            return;
+        };
+        match number {
+            Ok(number) => {
+                let orders = recorder.loaded(&line, number);
+                self.take_orders(orders, step);
+            }
+            Err(why) => recorder.not_loaded(&line, &format!("{why:?}"), self.last_sample.tick),
+        }
+    }
+
+    /// Hears of a watch that fired, before the report of its cycle.
+    pub fn fired(&mut self, firing: Firing) {
+        self.firings.push(firing);
+    }
+
+    /// Firings that were lost on the way, in all.
+    pub fn firings_lost(&mut self, lost: u64) {
+        if let Some(recorder) = &mut self.functions
+            && lost > self.lost_firings
+        {
+            recorder.lost_firings(lost - self.lost_firings, self.last_sample.tick);
+            self.lost_firings = lost;
+        }
+    }
+
     /// Hears of one cycle: gives sample and events to the sink, and says what the person or the office wants of the machine now.
     /// `truth` is where a simulator's slides really are, mm ([`RecordSink::truth`]).
     pub fn receive(&mut self, report: &Report, truth: Option<[f64; 3]>, sink: &mut dyn RecordSink) -> Option<Request> {
@@ -227,6 +330,14 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             sink.truth(&report.sample, position);
         }
         self.last_sample = report.sample;
+        if let Some(recorder) = &mut self.functions {
+            let situation = Situation {
+                feed_override: f64::from(report.overrides.feed),
+                cost: report.watches,
+                ..Situation::default()
+            };
+            recorder.cycle(&report.sample, situation);
+        }
         let place = report.sample.actual;
         if place.iter().zip(self.stands_at).all(|(p, at)| (p - at).abs() <= STANDSTILL) {
             self.stood += 1;
@@ -234,8 +345,10 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             (self.stood, self.stands_at) = (0, place);
         }
         self.tell_counts(report, sink);
+        self.tell_overrides(report, sink);
         self.tell_steps(report, sink);
         self.tell_state(report, sink);
+        self.do_functions(report, sink);
         if self.ended.is_some() {
             return None;
         }
@@ -247,6 +360,9 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
     pub fn reports_lost(&mut self, lost: u64, now: Tick, sink: &mut dyn RecordSink) {
         if lost > self.lost_reports {
             let count = lost - self.lost_reports;
+            if let Some(recorder) = &mut self.functions {
+                recorder.lost(count, now);
+            }
             self.lost_reports = lost;
             self.emit(
                 "record-gap",
@@ -283,7 +399,41 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         &self.source
     }
 
+    /// What the functions do in this cycle, and what they have to tell of it.
+    fn do_functions(&mut self, report: &Report, sink: &mut dyn RecordSink) {
+        let Some(recorder) = &mut self.functions else { return };
+        for firing in self.firings.drain(..) {
+            recorder.fired(&firing);
+        }
+        recorder.state(report.state, report.sample.tick);
+        recorder.take_samples();
+        self.tell_functions(sink);
+    }
+
+    fn tell_functions(&mut self, sink: &mut dyn RecordSink) {
+        let Some(recorder) = &mut self.functions else { return };
+        for row in recorder.take_rows() {
+            if let Some(stream) = recorder.stream(row.stream) {
+                sink.recorded(&row, stream);
+            }
+        }
+        for told in recorder.take_told() {
+            self.emit(
+                trace::record::EVENT,
+                told.step,
+                told.tick,
+                told.data.into_iter().collect(),
+                sink,
+            );
+        }
+    }
+
     fn emit(&mut self, kind: &str, step: StepId, tick: Tick, mut data: Detail, sink: &mut dyn RecordSink) {
+        if let Some(recorder) = &mut self.functions
+            && OF_THE_CONTROL.contains(&kind)
+        {
+            recorder.control_event(kind, &data, tick, step);
+        }
         data.insert("step".to_owned(), Value::from(step.0));
         data.insert("tick".to_owned(), Value::from(tick.0));
         let event = self.chain.append(self.start.at(tick), kind, data);
@@ -301,6 +451,9 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             match self.pending.pop_front() {
                 None => return,
                 Some((_, Pending::Step(step))) => {
+                    if let Some(recorder) = &mut self.functions {
+                        recorder.step(&step, tick);
+                    }
                     let Some((kind, mut data)) = events::of_step(&step) else {
                         continue;
                     };
@@ -363,6 +516,22 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         }
     }
 
+    /// Events of the overrides. Below what was planned for the machine runs slower by itself; for more the rest is planned anew.
+    fn tell_overrides(&mut self, report: &Report, sink: &mut dyn RecordSink) {
+        let (before, after) = (self.overrides, report.overrides);
+        if before == after {
+            return;
+        }
+        self.overrides = after;
+        let planned = |o: Overrides| o.feed_fraction().max(1.0);
+        if planned(before) != planned(after) {
+            self.source.set_override(planned(after), 1.0);
+        }
+        let Sample { tick, step, .. } = report.sample;
+        let data = json!({ "feed_percent": after.feed, "rapid_percent": after.rapid, "spindle_percent": after.spindle });
+        self.emit("override", step, tick, detail(data), sink);
+    }
+
     /// Events of the machine's states.
     fn tell_state(&mut self, report: &Report, sink: &mut dyn RecordSink) {
         let (before, after) = (self.state, report.state);
@@ -377,9 +546,12 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         let (kind, data) = match after {
             State::Holding | State::WaitingThenHold(_) => ("hold", Detail::new()),
             State::Held if before == State::Waiting(Wait::Commands) => ("hold", Detail::new()),
-            State::Running if matches!(before, State::Held | State::Paused | State::Holding | State::Stopped(_)) => {
+            State::Running | State::Resuming
+                if matches!(before, State::Held | State::Paused | State::Holding | State::Stopped(_)) =>
+            {
                 ("cycle-start", Detail::new())
             }
+            State::Homing { .. } if matches!(before, State::NotHomed | State::Ready) => ("homing", Detail::new()),
             State::Stopping(cause) => ("controlled-stop", events::of_stop(cause)),
             State::Stopped(cause) => {
                 // A stop at rest is begun and over in one cycle.
@@ -398,12 +570,17 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
 
     /// A question is answered when everything before it is done and the machine stands.
     fn answer_question(&mut self, report: &Report, sink: &mut dyn RecordSink) {
+        if !self.orders.is_empty() || self.to_load.is_some() {
+            return;
+        }
         let everything_done = report.idle && report.counters.completed == self.commands && self.waiting.is_none();
         if !everything_done || !self.pending.is_empty() || !stands(report) {
             return;
         }
         let Some(question) = self.asked.take() else { return };
+        let of_the_functions = self.of_the_functions(&question);
         let answer = match (&question, &mut self.answers) {
+            _ if of_the_functions.is_some() => of_the_functions.unwrap_or(Answer::Unknown),
             (Question::OptionalStop, _) => Answer::Truth(self.operator.optional_stop),
             (_, Some(answers)) => match answers(&question, &report.sample) {
                 Answer::Unknown => of_the_machine(&question, &report.sample, self.start),
@@ -416,10 +593,30 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         self.answer = Some(answer);
     }
 
+    /// What the functions of the program know: variables that they wrote, sensors and times that conditions name.
+    fn of_the_functions(&self, question: &Question) -> Option<Answer> {
+        let recorder = self.functions.as_ref()?;
+        match question {
+            Question::Condition(condition) => match condition.evaluate(&|name| recorder.lookup(name)).ok()? {
+                plan::Value::Truth(truth) => Some(Answer::Truth(truth)),
+                plan::Value::Number(_) => None,
+            },
+            Question::Number(name) => match recorder.lookup(name)? {
+                plan::Value::Number(number) => Some(Answer::Number(Some(number))),
+                plan::Value::Truth(truth) => Some(Answer::Truth(truth)),
+            },
+            Question::OptionalStop | Question::Skip { .. } => None,
+        }
+    }
+
     /// Whether the run is over, and what is asked of the machine.
     fn decide(&mut self, report: &Report, sink: &mut dyn RecordSink) -> Option<Request> {
-        let all_done =
-            self.source_over && self.waiting.is_none() && self.pending.is_empty() && report.counters.completed == self.commands;
+        let all_done = self.source_over
+            && self.waiting.is_none()
+            && self.orders.is_empty()
+            && self.to_load.is_none()
+            && self.pending.is_empty()
+            && report.counters.completed == self.commands;
         let at_rest = stands(report);
         let mut request = None;
         let mut ended = None;
@@ -453,6 +650,12 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             State::Stopped(cause) if at_rest => ended = Some(Ended::Stopped(cause)),
             State::EmergencyStop | State::EmergencyStopReleased if at_rest => ended = Some(Ended::EmergencyStop),
             State::Fault(cause) if at_rest => ended = Some(Ended::Fault(cause)),
+            // Somebody who is there homes it; what was asked goes on then.
+            State::NotHomed if at_rest => match self.operator.cycle_start_after {
+                Some(cycles) if self.waited == cycles => request = Some(Request::Home),
+                Some(_) => {}
+                None => ended = Some(Ended::NotHomed),
+            },
             State::Paused | State::Held if at_rest => match self.operator.cycle_start_after {
                 Some(cycles) if self.waited >= cycles => request = Some(Request::CycleStart),
                 Some(_) => {}
@@ -471,6 +674,10 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
                 "completed": report.counters.completed,
                 "discarded": report.counters.discarded,
             }));
+            if let Some(recorder) = &mut self.functions {
+                recorder.finish(report.sample.tick);
+            }
+            self.tell_functions(sink);
             self.emit("job-ended", report.sample.step, report.sample.tick, data, sink);
             self.ended = Some(ended);
         }

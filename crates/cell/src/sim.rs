@@ -4,6 +4,9 @@
 //! [`Outcome::digest`] is one hash over all of them. Everything that leaves a world is marked SIMULATED.
 
 pub mod measure;
+pub mod pad;
+
+pub use pad::ScriptedPad;
 
 use crate::events::detail;
 use crate::faults::Fault;
@@ -11,9 +14,11 @@ use crate::office::{Answers, Ended, OfficeHalf, Operator};
 use crate::sink::{RecordSink, RunDigest};
 use crate::source::CommandSource;
 use ledger::{Chain, Event, Hash};
-use machine::{Counters, MachineParameters, ParameterError, Plant, Quality, RealtimeHalf, Request, Sample};
+use machine::{Counters, MachineParameters, PadState, ParameterError, Plant, Quality, RealtimeHalf, Request, Sample};
 use serde_json::json;
-use units::{Machine, Point, Seconds, Tick, Timestamp};
+use trace::record::{Recorder, Row, Stream};
+use trace::survey::Found;
+use units::{Machine, Millimetres, Point, Seconds, Tick, Timestamp, ToolNumber};
 
 /// What a world is made of.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,7 +89,7 @@ pub struct Outcome {
 pub struct World<'a, S> {
     config: WorldConfig,
     // On the heap: its queues are large for a stack.
-    realtime: Box<RealtimeHalf<Plant>>,
+    realtime: Box<RealtimeHalf<Plant, ScriptedPad>>,
     office: OfficeHalf<'a, S>,
     now: Tick,
     begun: bool,
@@ -101,7 +106,12 @@ impl<'a, S: CommandSource> World<'a, S> {
     pub fn new(config: WorldConfig, source: S) -> Result<Self, ParameterError> {
         config.machine.check()?;
         let plant = Plant::new(&config.machine, config.position, config.seed);
-        let mut realtime = Box::new(RealtimeHalf::new(&config.machine, plant, Quality::Simulated));
+        let mut realtime = Box::new(RealtimeHalf::with_pad(
+            &config.machine,
+            plant,
+            ScriptedPad::default(),
+            Quality::Simulated,
+        ));
         realtime.request(Request::PowerOn);
         Ok(World {
             office: OfficeHalf::new(source, config.operator, config.start, config.chain),
@@ -115,9 +125,32 @@ impl<'a, S: CommandSource> World<'a, S> {
         })
     }
 
+    /// Does what the functions of the program say: its conditions are loaded into the machine, its recordings go to the sink.
+    ///
+    /// `found` is what a look through the program gave, and what `recorder` was made with. Conditions that find no place are told when
+    /// their turn comes.
+    pub fn with_functions(mut self, found: &Found, recorder: Recorder, diameters: &[(ToolNumber, Millimetres)]) -> Self {
+        for (tool, diameter) in diameters {
+            // More tools than it has places for: their cutting speeds are unavailable.
+            self.realtime.know_tool(*tool, *diameter);
+        }
+        for (_, compiled) in &found.conditions {
+            // The look through the program counted them against the machine's room already.
+            let _ = self.realtime.watches().load(&compiled.watch());
+        }
+        self.office = self.office.with_functions(recorder);
+        self
+    }
+
     /// Answers the program's questions other than the optional stop.
     pub fn answered_by(mut self, answers: Answers<'a>) -> Self {
         self.office = self.office.answered_by(answers);
+        self
+    }
+
+    /// Puts a control pad at the machine, which shows what a script says: each state from its tick on, in order of ticks.
+    pub fn with_pad(mut self, script: impl IntoIterator<Item = (Tick, PadState)>) -> Self {
+        *self.realtime.pad_mut() = ScriptedPad::new(script);
         self
     }
 
@@ -160,14 +193,22 @@ impl<'a, S: CommandSource> World<'a, S> {
             if !stalled(&self.config.faults, self.now) {
                 let realtime = &mut self.realtime;
                 self.office.refill(|command| realtime.push(command));
+                if let Some(compiled) = self.office.to_load() {
+                    let number = realtime.watches().load(&compiled.watch());
+                    self.office.loaded(number);
+                }
             }
             self.realtime.tick(self.now);
             let truth = self.realtime.drive().true_position();
             while let Some(report) = self.realtime.report() {
+                while let Some(firing) = self.realtime.firing(report.sample.tick) {
+                    self.office.fired(firing);
+                }
                 if let Some(request) = self.office.receive(&report, Some(truth), &mut sink) {
                     self.realtime.request(request);
                 }
             }
+            self.office.firings_lost(self.realtime.watches().counters().lost_firings);
             self.office.reports_lost(self.realtime.lost_reports(), self.now, &mut sink);
             self.now += 1;
         }
@@ -177,6 +218,11 @@ impl<'a, S: CommandSource> World<'a, S> {
     /// A request of a person at the machine, from outside the configuration.
     pub fn request(&mut self, request: Request) {
         self.realtime.request(request);
+    }
+
+    /// The machine, to look at and to disturb.
+    pub fn realtime(&mut self) -> &mut RealtimeHalf<Plant, ScriptedPad> {
+        &mut self.realtime
     }
 
     /// The next tick.
@@ -207,7 +253,7 @@ impl<'a, S: CommandSource> World<'a, S> {
 }
 
 /// Lets the faults of this tick happen; gives the number of servo cycles that are lost now.
-fn disturb(faults: &[Fault], now: Tick, realtime: &mut RealtimeHalf<Plant>) -> u64 {
+fn disturb(faults: &[Fault], now: Tick, realtime: &mut RealtimeHalf<Plant, ScriptedPad>) -> u64 {
     let mut lost = 0;
     for fault in faults {
         let since = |at: Tick| (now >= at).then(|| now - at);
@@ -268,5 +314,9 @@ impl RecordSink for Watched<'_> {
     }
     fn truth(&mut self, sample: &Sample, position: [f64; 3]) {
         self.sink.truth(sample, position);
+    }
+    fn recorded(&mut self, row: &Row, stream: &Stream) {
+        self.digest.recorded(row, stream);
+        self.sink.recorded(row, stream);
     }
 }

@@ -3,6 +3,7 @@
 use ledger::{Event, Hash};
 use machine::{CHANNELS, Sample};
 use sha2::{Digest as _, Sha256};
+use trace::record::{Row, Stream};
 
 /// Takes a record as it is made.
 ///
@@ -18,6 +19,9 @@ pub trait RecordSink {
     /// Where the slides of a simulated machine really were, mm, machine frame; called after [`RecordSink::sample`], by a simulator only.
     /// A real machine cannot know this. Nothing but the simulated gauge may use it.
     fn truth(&mut self, _sample: &Sample, _position: [f64; 3]) {}
+
+    /// A value of a recording that a function of the program asked for.
+    fn recorded(&mut self, _row: &Row, _stream: &Stream) {}
 }
 
 /// Keeps nothing.
@@ -39,6 +43,9 @@ impl RecordSink for Tee<'_> {
     fn truth(&mut self, sample: &Sample, position: [f64; 3]) {
         self.0.iter_mut().for_each(|s| s.truth(sample, position));
     }
+    fn recorded(&mut self, row: &Row, stream: &Stream) {
+        self.0.iter_mut().for_each(|s| s.recorded(row, stream));
+    }
 }
 
 /// Keeps everything in memory, for tests and short runs.
@@ -48,6 +55,8 @@ pub struct Kept {
     pub samples: Vec<Sample>,
     /// All events.
     pub events: Vec<Event>,
+    /// All values of recordings, with the name of their stream.
+    pub rows: Vec<(String, Row)>,
 }
 
 impl RecordSink for Kept {
@@ -56,6 +65,9 @@ impl RecordSink for Kept {
     }
     fn event(&mut self, event: &Event) {
         self.events.push(event.clone());
+    }
+    fn recorded(&mut self, row: &Row, stream: &Stream) {
+        self.rows.push((stream.name.clone(), *row));
     }
 }
 
@@ -93,5 +105,11 @@ impl RecordSink for RunDigest {
     fn event(&mut self, event: &Event) {
         self.0.update(b"e");
         self.0.update(event.hash.as_bytes());
+    }
+    fn recorded(&mut self, row: &Row, _stream: &Stream) {
+        self.0.update(b"r");
+        self.0.update(row.tick.0.to_le_bytes());
+        self.0.update(row.stream.to_le_bytes());
+        self.0.update(row.value.unwrap_or(f64::NAN).to_le_bytes());
     }
 }

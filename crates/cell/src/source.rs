@@ -10,6 +10,16 @@ pub trait CommandSource {
     /// The next thing. `answer` is `Some` just after an [`Output::Ask`], and only then.
     fn next(&mut self, answer: Option<Answer>) -> Output;
 
+    /// False when there is nothing to give now and more may come: a live job whose next operation is not there yet. Not to be asked for
+    /// the next thing then.
+    fn is_ready(&mut self) -> bool {
+        true
+    }
+
+    /// Plans what was not given out yet for these overrides, 1 is 100 %. A source that cannot leaves it: the machine never runs faster than
+    /// what it is given, so nothing but time is lost.
+    fn set_override(&mut self, _feed: f64, _rapid: f64) {}
+
     /// The name of a file that a step's origin speaks of; empty where there is none.
     fn file_name(&self, _file: FileId) -> &str {
         ""
@@ -20,6 +30,9 @@ impl CommandSource for Trajectory<'_> {
     fn next(&mut self, answer: Option<Answer>) -> Output {
         Trajectory::next(self, answer)
     }
+    fn set_override(&mut self, feed: f64, rapid: f64) {
+        Trajectory::set_override(self, feed, rapid);
+    }
     fn file_name(&self, file: FileId) -> &str {
         self.stream().file_name(file)
     }
@@ -29,6 +42,12 @@ impl<S: CommandSource + ?Sized> CommandSource for Box<S> {
     fn next(&mut self, answer: Option<Answer>) -> Output {
         (**self).next(answer)
     }
+    fn is_ready(&mut self) -> bool {
+        (**self).is_ready()
+    }
+    fn set_override(&mut self, feed: f64, rapid: f64) {
+        (**self).set_override(feed, rapid);
+    }
     fn file_name(&self, file: FileId) -> &str {
         (**self).file_name(file)
     }
@@ -37,6 +56,12 @@ impl<S: CommandSource + ?Sized> CommandSource for Box<S> {
 impl<S: CommandSource + ?Sized> CommandSource for &mut S {
     fn next(&mut self, answer: Option<Answer>) -> Output {
         (**self).next(answer)
+    }
+    fn is_ready(&mut self) -> bool {
+        (**self).is_ready()
+    }
+    fn set_override(&mut self, feed: f64, rapid: f64) {
+        (**self).set_override(feed, rapid);
     }
     fn file_name(&self, file: FileId) -> &str {
         (**self).file_name(file)

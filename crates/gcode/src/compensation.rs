@@ -367,6 +367,22 @@ impl Interpreter {
         }
     }
 
+    /// Hands on what is said between two moves without parting them: behind the move that a corner or compensation holds, which waits on.
+    pub(crate) fn tell_behind(&mut self, origin: Origin, kind: StepKind) {
+        let waits = self
+            .compensation
+            .engaged
+            .as_ref()
+            .is_some_and(|engaged| engaged.pending.is_some());
+        if !self.corner.holds() && !waits {
+            return self.out.push_back(Item::Step(origin, kind));
+        }
+        self.functions.push_back((origin, kind));
+        if self.functions.len() > MOST_HELD {
+            self.settle();
+        }
+    }
+
     /// Tells the kept variables that were written, behind the moves that were said before: one of them may be held, and a variable that
     /// was written behind it is written when the machine has made it.
     pub(crate) fn tell_writes(&mut self) {
@@ -383,7 +399,7 @@ impl Interpreter {
     /// The next kept variable that was written and not told.
     pub(crate) fn untold_write(&mut self) -> Option<(Origin, StepKind)> {
         if self.memory.kept_writes.is_empty() {
-            return None;
+            return self.functions.pop_front();
         }
         let write = self.memory.kept_writes.remove(0);
         let held = |value| match value {

@@ -137,6 +137,10 @@ pub(crate) struct Interpreter {
     /// Comments of the last run of comment lines since the last move.
     comments: Vec<String>,
     comments_closed: bool,
+    /// A function of the traceability vocabulary that may go on in the next line, and where it began.
+    pub(crate) function: Option<(Origin, String)>,
+    /// Functions behind a move that is held.
+    pub(crate) functions: VecDeque<(Origin, StepKind)>,
     workingstep_open: bool,
     pub program_name: String,
     pub program_number: u32,
@@ -265,6 +269,8 @@ impl Interpreter {
             preselected: None,
             comments: Vec::new(),
             comments_closed: false,
+            function: None,
+            functions: VecDeque::new(),
             workingstep_open: false,
             program_name: file.to_owned(),
             program_number: 0,

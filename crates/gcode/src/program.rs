@@ -439,6 +439,13 @@ impl GcodeProgram {
         self.at_start = false;
         self.any_block = true;
         self.interpreter.close_comments();
+        self.interpreter.tell_function();
+        if waited.is_none()
+            && let Some((start, _)) = self.line.comment
+            && self.interpreter.take_function(start, site, false)
+        {
+            self.interpreter.tell_function();
+        }
         let result = act(&mut self.interpreter, &mut self.block, &self.line, site, &mut self.stack);
         let waits = matches!(&result, Err(fault) if fault.ask.is_some());
         if !waits {
@@ -522,6 +529,7 @@ impl GcodeProgram {
 
     /// The text is over: end of file, `%`, or the next program.
     pub(crate) fn end_of_text(&mut self, line: Option<u32>) {
+        self.interpreter.tell_function();
         let number = match line {
             Some(number) => number,
             None => self.files[self.current].lines.position().1,

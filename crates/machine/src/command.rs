@@ -1,5 +1,6 @@
 //! What the machine is told: set-points, one a cycle, and the switching in between.
 
+use crate::watch::WatchOrder;
 use units::{Rpm, StepId, ToolNumber, WorkingstepId};
 
 /// Where the axes shall be at one servo cycle.
@@ -25,7 +26,8 @@ pub struct SetPoint {
     pub path_speed: f64,
     /// It belongs to a rapid: the rapid override is for it, not the feed override.
     pub rapid: bool,
-    /// The override it was planned for, 1 is 100 %: the machine runs slower than the plan where the override is below this.
+    /// The override it was planned for, 1 is 100 %: the machine runs slower than the plan where the override is below this. 0 where none
+    /// acts on it: a thread is tied to the spindle and runs as planned, with the spindle at 100 %.
     pub planned_override: f64,
 }
 
@@ -45,7 +47,14 @@ impl Default for SetPoint {
     }
 }
 
-/// One entry of the stream from planner to machine, in order of execution. Everything but a set-point is done at rest.
+impl SetPoint {
+    /// True where no override acts: a thread. A feed hold waits for its end.
+    pub fn is_locked(&self) -> bool {
+        self.planned_override <= 0.0
+    }
+}
+
+/// One entry of the stream from planner to machine, in order of execution. Switching is done at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Command {
     /// Be here at the next cycle.
@@ -66,7 +75,15 @@ pub enum Command {
         /// The step that says so.
         step: StepId,
     },
-    /// Change the tool; takes the machine's tool-change time.
+    /// The tool that comes in next is this long, and from its change on set-points are places of its tip: the machine adds the length to Z,
+    /// against the home position, as the published text protocol has it. Without this set-points are places of the gauge point.
+    ToolLength {
+        /// Its length, mm.
+        length: f64,
+        /// The step that says so.
+        step: StepId,
+    },
+    /// Change the tool; takes the machine's tool-change time, and the way to where tools are changed.
     Tool {
         /// Which comes in.
         tool: ToolNumber,
@@ -84,6 +101,13 @@ pub enum Command {
     Workingstep {
         /// Which; 0 is none.
         workingstep: WorkingstepId,
+        /// The step that says so.
+        step: StepId,
+    },
+    /// Something for the watches: takes no time, needs no rest, and happens with the set-point before it.
+    Watch {
+        /// What.
+        order: WatchOrder,
         /// The step that says so.
         step: StepId,
     },

@@ -47,7 +47,7 @@ pub enum DriveMode {
 /// What one axis drive is told. A drive uses what its mode needs: cyclic position, velocity or torque.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisOrder {
-    /// Target position, machine frame, mm.
+    /// Target position, mm, as [`Feedback::position`] counts.
     pub position: f64,
     /// Speed from the position loop, feed-forward included, mm/s.
     pub velocity: f64,
@@ -60,7 +60,8 @@ pub struct AxisOrder {
 /// What the drives tell.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Feedback {
-    /// Position by encoder, machine frame, mm.
+    /// Position by encoder, mm: in the machine frame when the encoders are absolute ([`crate::MachineParameters::absolute_encoders`]),
+    /// else from wherever the axis was at power-on.
     pub position: [f64; 3],
     /// Speed as the drive sees it, mm/s.
     pub velocity: [f64; 3],
@@ -72,6 +73,10 @@ pub struct Feedback {
     pub spindle_speed: f64,
     /// Spindle torque, percent of rated.
     pub spindle_load: f64,
+    /// True where the reference switch of an axis is made.
+    pub reference_switch: [bool; 3],
+    /// Where the encoder passed its index pulse since the last cycle, mm, as [`Feedback::position`] counts.
+    pub index: [Option<f64>; 3],
     /// True while the emergency stop button is pressed or its circuit is open.
     pub emergency_stop: bool,
     /// True when a drive reports a fault of its own.

@@ -5,7 +5,7 @@
 //! source does not give (travels, rated currents, motor encoders, spindle, thermal behaviour, cutting) is assumed and says so here;
 //! nothing in it is a measurement of a real machine's.
 
-use units::{Millimetres, MmPerSec, MmPerSec2, Rpm, Seconds};
+use units::{Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Rpm, Seconds};
 
 /// Everything the realtime half and the simulated mechanics need to know about one machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,6 +19,8 @@ pub struct MachineParameters {
     /// True when the changer needs the spindle to stand (a mill's arm), false for a turret. The spindle gets back to its speed before the
     /// program goes on.
     pub tool_change_stops_spindle: bool,
+    /// How the axes are kept on their set-points.
+    pub position_law: PositionLaw,
     /// Following error that is counted and reported.
     pub following_warning: Millimetres,
     /// Following error at which the drives are stopped.
@@ -27,6 +29,12 @@ pub struct MachineParameters {
     pub in_position: Millimetres,
     /// It goes on after this time in any case; that is counted.
     pub in_position_time_out: Seconds,
+    /// True when the axes know where they are at power-on. Else they have to be homed before a program runs.
+    pub absolute_encoders: bool,
+    /// Highest speed by hand as long as an axis's place is not known.
+    pub slow_jog: MmPerSec,
+    /// Where tools are changed: Z goes there first and comes back last. `None`: on the spot.
+    pub tool_change_at: Option<[Millimetres; 3]>,
     /// Servo cycles that may be lost in a row before the machine makes a controlled stop.
     pub late_ticks_allowed: u32,
     /// How much cutting loads the axes; simulation only.
@@ -44,12 +52,48 @@ pub struct AxisParameters {
     pub v_max: MmPerSec,
     /// Highest acceleration.
     pub a_max: MmPerSec2,
+    /// Highest jerk: of hold, override and jog. Assumed.
+    pub j_max: MmPerSec3,
     /// Encoder resolution, pulses per millimetre.
     pub pulses_per_mm: f64,
+    /// How its reference is found.
+    pub homing: HomingParameters,
     /// Position and velocity loop.
     pub servo: ServoGains,
     /// Motor, screw and slide.
     pub mechanics: Mechanics,
+}
+
+/// How the reference of an axis is found: fast onto the switch, off it again, slowly onto it and on to the next index pulse of the encoder,
+/// which is a known place. All assumed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HomingParameters {
+    /// True when the switch is at the upper end.
+    pub upwards: bool,
+    /// Speed of the search, and back off the switch.
+    pub search: MmPerSec,
+    /// Speed of the slow search.
+    pub slow_search: MmPerSec,
+    /// Where the index pulse behind the switch is, machine frame.
+    pub reference: Millimetres,
+    /// Where home is, machine frame.
+    pub home: Millimetres,
+    /// How far before the index pulse the switch is made; the simulated axis has it there.
+    pub switch_before: Millimetres,
+    /// After this time backing off or searching slowly it is a fault. The fast search may take as long as its speed takes over the travel
+    /// on top of it.
+    pub time_out: Seconds,
+}
+
+/// How an axis is kept on its set-points.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PositionLaw {
+    /// Position loop with feed-forward of speed, acceleration and friction: for drives that take a torque on top of a speed.
+    #[default]
+    FeedForward,
+    /// The set-point's speed, corrected by the error of the position, and nothing else: the loop of the published CAM-controlled machine, for
+    /// drives that take a speed.
+    SpeedSetPoint,
 }
 
 /// Gains of the cascaded loop of one axis.
@@ -179,7 +223,17 @@ impl MachineParameters {
             highest: Millimetres(1000.0),
             v_max: MmPerSec(500.0),
             a_max: MmPerSec2(3000.0),
+            j_max: MmPerSec3(50_000.0),
             pulses_per_mm: 1000.0,
+            homing: HomingParameters {
+                upwards: true,
+                search: MmPerSec(50.0),
+                slow_search: MmPerSec(2.0),
+                reference: Millimetres(990.0),
+                home: Millimetres(0.0),
+                switch_before: Millimetres(4.0),
+                time_out: Seconds(10.0),
+            },
             servo: ServoGains {
                 position,
                 velocity,
@@ -208,10 +262,14 @@ impl MachineParameters {
             },
             tool_change: Seconds(2.5),
             tool_change_stops_spindle: true,
+            position_law: PositionLaw::FeedForward,
             following_warning: Millimetres(0.1),
             following_fault: Millimetres(0.5),
             in_position: Millimetres(0.01),
             in_position_time_out: Seconds(0.2),
+            absolute_encoders: true,
+            slow_jog: MmPerSec(5.0),
+            tool_change_at: None,
             late_ticks_allowed: 5,
             cutting: CuttingParameters {
                 force_per_speed: 4.0,
@@ -258,6 +316,13 @@ impl MachineParameters {
                 ("highest - lowest", a.highest.0 - a.lowest.0),
                 ("v_max", a.v_max.0),
                 ("a_max", a.a_max.0),
+                ("j_max", a.j_max.0),
+                ("homing.search", a.homing.search.0),
+                ("homing.slow_search", a.homing.slow_search.0),
+                ("homing.switch_before", a.homing.switch_before.0),
+                ("homing.time_out", a.homing.time_out.0),
+                ("highest - homing.home", a.highest.0 - a.homing.home.0 + SMALLEST),
+                ("homing.home - lowest", a.homing.home.0 - a.lowest.0 + SMALLEST),
                 ("pulses_per_mm", a.pulses_per_mm),
                 ("servo.velocity", a.servo.velocity),
                 ("servo.integral_time", a.servo.integral_time),
@@ -295,6 +360,7 @@ impl MachineParameters {
             ("following_warning", self.following_warning.0),
             ("following_fault", self.following_fault.0),
             ("in_position", self.in_position.0),
+            ("slow_jog", self.slow_jog.0),
         ];
         let not_negative = [
             ("spindle.friction", s.friction),
@@ -309,6 +375,9 @@ impl MachineParameters {
         require(None, &positive, &not_negative)
     }
 }
+
+/// A border may be reached: what has to be above 0 is this much more, mm.
+const SMALLEST: f64 = 1e-6;
 
 fn require(
     axis: Option<u8>,

@@ -6,7 +6,7 @@
 //! and power, a rough cutting force, and sensor noise from a seed. Everything it tells is SIMULATED.
 
 use crate::drive::{AxisOrder, CyclicDrive, DriveMode, DriveOrders, Feedback};
-use crate::parameters::{CuttingParameters, MachineParameters, Mechanics, SpindleParameters};
+use crate::parameters::{CuttingParameters, HomingParameters, MachineParameters, Mechanics, SpindleParameters};
 use crate::servo::{VelocityLoop, within};
 use crate::{CoolantOutlets, SpindleCommand};
 use rand_chacha::ChaCha8Rng;
@@ -16,8 +16,8 @@ use units::{Machine, Point, TICK, Tick};
 /// Integration steps in one servo cycle.
 const SUBSTEPS: u32 = 4;
 const STEP: f64 = TICK.0 / SUBSTEPS as f64;
-/// Cycles for which the drives go on without an order before they stop by themselves.
-const WATCHDOG: u64 = 8;
+/// Cycles beyond those that the controller may lose for which the drives go on without an order before they stop by themselves.
+const WATCHDOG: u64 = 3;
 /// Noise of reported loads, percent rms: 5 quanta of the record.
 const LOAD_NOISE: f64 = 0.5;
 /// Noise of reported currents, A rms: 5 quanta of the record.
@@ -44,6 +44,7 @@ pub struct Plant {
     ordered_at: Tick,
     at: Tick,
     emergency_stop: bool,
+    watchdog: u64,
     watchdog_tripped: bool,
 }
 
@@ -55,6 +56,11 @@ struct Axis {
     static_torque: [f64; 2],
     coulomb_torque: [f64; 2],
     pulses_per_mm: f64,
+    /// Where the encoder counts 0, mm: the machine's zero, or wherever the axis was at power-on.
+    counts_from: f64,
+    homing: HomingParameters,
+    /// Where the axis was at the last reading, mm.
+    read_at: f64,
     quick_stop_deceleration: f64,
     /// Middle and width of the travel, mm: where the screw does not grow, and over which it does.
     travel: (f64, f64),
@@ -90,7 +96,7 @@ impl Plant {
     /// A machine at rest without power, its motors at `start`.
     pub fn new(parameters: &MachineParameters, start: Point<Machine>, seed: u64) -> Self {
         Plant {
-            axes: core::array::from_fn(|k| Axis::new(&parameters.axes[k], start.xyz[k])),
+            axes: core::array::from_fn(|k| Axis::new(&parameters.axes[k], start.xyz[k], parameters.absolute_encoders)),
             spindle: Spindle {
                 parameters: parameters.spindle,
                 speed: 0.0,
@@ -104,6 +110,7 @@ impl Plant {
             ordered_at: Tick(0),
             at: Tick(0),
             emergency_stop: false,
+            watchdog: u64::from(parameters.late_ticks_allowed) + WATCHDOG,
             watchdog_tripped: false,
         }
     }
@@ -140,7 +147,7 @@ impl Plant {
 
     /// One servo cycle.
     fn cycle(&mut self) {
-        let late = self.at - self.ordered_at >= WATCHDOG && self.orders.mode == DriveMode::Follow;
+        let late = self.at - self.ordered_at >= self.watchdog && self.orders.mode == DriveMode::Follow;
         self.watchdog_tripped |= late;
         let mode = if self.emergency_stop || self.watchdog_tripped {
             // SS1 of IEC 61800-5-2: brake, then no power.
@@ -220,7 +227,9 @@ impl CyclicDrive for Plant {
             ..Feedback::default()
         };
         for k in 0..3 {
+            feedback.index[k] = self.axes[k].passed_index();
             let axis = &self.axes[k];
+            feedback.reference_switch[k] = axis.reference_switch();
             let (position, velocity, current) = (axis.encoder(), axis.speed * axis.mechanics.transmission, axis.current);
             let rated = axis.mechanics.rated_current;
             feedback.position[k] = position;
@@ -245,7 +254,7 @@ impl CyclicDrive for Plant {
 }
 
 impl Axis {
-    fn new(parameters: &crate::AxisParameters, start: f64) -> Self {
+    fn new(parameters: &crate::AxisParameters, start: f64, absolute: bool) -> Self {
         let mechanics = parameters.mechanics;
         let torque_per_volt = mechanics.current_gain * mechanics.torque_constant;
         let (low, high) = (parameters.lowest.0, parameters.highest.0);
@@ -257,6 +266,9 @@ impl Axis {
             static_torque: mechanics.static_friction.map(|v| v * torque_per_volt),
             coulomb_torque: mechanics.coulomb_friction.map(|v| v * torque_per_volt),
             pulses_per_mm: parameters.pulses_per_mm,
+            counts_from: if absolute { 0.0 } else { start },
+            homing: parameters.homing,
+            read_at: start,
             quick_stop_deceleration: QUICK_STOP * parameters.a_max.0 / mechanics.transmission,
             travel: ((low + high) / 2.0, (high - low).max(1.0)),
             position: start,
@@ -273,7 +285,30 @@ impl Axis {
 
     /// Position by the encoder: whole pulses.
     fn encoder(&self) -> f64 {
-        (libm::round(self.position * self.pulses_per_mm) + f64::from(self.encoder_error)) / self.pulses_per_mm
+        self.read_encoder(self.position)
+    }
+
+    fn read_encoder(&self, place: f64) -> f64 {
+        (libm::round((place - self.counts_from) * self.pulses_per_mm) + f64::from(self.encoder_error)) / self.pulses_per_mm
+    }
+
+    /// True where the reference switch is made: from a little before the reference to the end of the axis.
+    fn reference_switch(&self) -> bool {
+        let (reference, before) = (self.homing.reference.0, self.homing.switch_before.0);
+        if self.homing.upwards {
+            self.position >= reference - before
+        } else {
+            self.position <= reference + before
+        }
+    }
+
+    /// What the encoder read at the index pulse that was passed since the last call: one in each turn of the motor, and one is the reference.
+    fn passed_index(&mut self) -> Option<f64> {
+        let turn = core::f64::consts::TAU * self.mechanics.transmission;
+        let turns = |place: f64| libm::floor((place - self.homing.reference.0) / turn);
+        let (before, now) = (turns(self.read_at), turns(self.position));
+        self.read_at = self.position;
+        (before != now).then(|| self.read_encoder(self.homing.reference.0 + before.max(now) * turn))
     }
 
     /// Motor speed as the drive knows it, rad/s: whole pulses of the motor's encoder since the last integration step.

@@ -51,6 +51,14 @@ impl<T, const N: usize> Ring<T, N> {
         item
     }
 
+    /// Takes the newest item.
+    pub fn pop_back(&mut self) -> Option<T> {
+        let last = self.length.checked_sub(1)?;
+        let item = self.items[Self::wrap(self.first + last)].take();
+        self.length = last;
+        item
+    }
+
     /// The oldest item, left in place.
     pub fn front(&self) -> Option<&T> {
         self.get(0)
@@ -110,7 +118,9 @@ mod tests {
         let mut state = 1u32;
         for k in 0..10_000 {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            if state >> 31 == 0 {
+            if state >> 28 == 0 {
+                assert_eq!(ring.pop_back(), model.pop_back());
+            } else if state >> 31 == 0 {
                 let taken = ring.push(k).is_ok();
                 assert_eq!(taken, model.len() < 7);
                 if taken {

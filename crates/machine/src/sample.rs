@@ -21,6 +21,10 @@ pub enum Phase {
     EmergencyStop = 5,
     /// A fault: following error, limit.
     Fault = 6,
+    /// An axis is moved by hand.
+    Jogging = 7,
+    /// Looking for the references, or on the way home.
+    Homing = 8,
 }
 
 /// How far a row can be trusted.

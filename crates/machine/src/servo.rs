@@ -3,7 +3,7 @@
 //! The position loop runs in the controller once a cycle, the velocity loop in the drive several times a cycle; both are here so that
 //! a drive without a velocity loop of its own can use it.
 
-use crate::parameters::{Mechanics, ServoGains};
+use crate::parameters::{Mechanics, PositionLaw, ServoGains};
 use units::TICK;
 
 /// Time constant with which a standing axis forgets its integral part, s.
@@ -29,6 +29,7 @@ pub struct PositionLoop {
     direction: f64,
     /// Half an encoder pulse and a bit, mm: no correction inside it at rest, or stiction and quantisation would make the axis hunt.
     dead_band: f64,
+    law: PositionLaw,
 }
 
 /// What the position loop asks of the velocity loop.
@@ -59,7 +60,13 @@ impl PositionLoop {
             turned_at: 0.0,
             direction: 0.0,
             dead_band: 0.75 / pulses_per_mm,
+            law: PositionLaw::default(),
         }
+    }
+
+    /// The same by another law.
+    pub fn by(self, law: PositionLaw) -> Self {
+        PositionLoop { law, ..self }
     }
 
     /// One cycle. `position`, `velocity`, `acceleration` are commanded (mm, mm/s, mm/s^2), `actual` is by encoder, mm.
@@ -67,6 +74,13 @@ impl PositionLoop {
         let mut error = position - actual;
         if velocity == 0.0 && error.abs() <= self.dead_band {
             error = 0.0;
+        }
+        if self.law == PositionLaw::SpeedSetPoint {
+            return SpeedOrder {
+                velocity: velocity + self.gain * error,
+                planned: velocity,
+                torque: 0.0,
+            };
         }
         // The order holds for the whole coming cycle, so the speed of its middle is the right one.
         let middle = velocity + acceleration * (0.5 * TICK.0);

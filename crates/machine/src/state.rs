@@ -8,6 +8,20 @@ pub enum State {
     /// Drives without power.
     #[default]
     Off,
+    /// Drives hold, and where the axes are is not known: nothing but a slow jog and homing.
+    NotHomed,
+    /// Looking for the references, or on the way home.
+    Homing {
+        /// 0 is X.
+        axis: u8,
+        /// How far it is.
+        stage: HomingStage,
+    },
+    /// The joystick moves an axis.
+    Jogging {
+        /// 0 is X.
+        axis: u8,
+    },
     /// Drives hold; no program.
     Ready,
     /// Axes follow the program.
@@ -22,6 +36,8 @@ pub enum State {
     Held,
     /// The program asked to stop; cycle start goes on.
     Paused,
+    /// Cycle start was given: spindle and coolant come back before the path goes on.
+    Resuming,
     /// Slowing down on the path for good.
     Stopping(StopCause),
     /// At rest after a controlled stop.
@@ -34,6 +50,19 @@ pub enum State {
     Fault(FaultCause),
 }
 
+/// How far an axis is with its reference.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HomingStage {
+    /// Towards the switch.
+    Search,
+    /// Off the switch again.
+    BackOff,
+    /// Slowly onto the switch and on to the index pulse.
+    SlowSearch,
+    /// To the home position.
+    GoHome,
+}
+
 /// What a program waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wait {
@@ -43,8 +72,12 @@ pub enum Wait {
     Position,
     /// The spindle to be at speed.
     Spindle,
+    /// The axes to be where tools are changed.
+    ToolAway,
     /// The tool changer.
     Tool,
+    /// The axes to be back, by the difference of the tools' lengths higher or lower.
+    ToolBack,
     /// A dwell to be over.
     Dwell,
 }
@@ -111,6 +144,11 @@ pub enum FaultCause {
     Spindle,
     /// A drive reports a fault.
     Drive,
+    /// The reference of an axis was not found in time.
+    Homing {
+        /// 0 is X.
+        axis: u8,
+    },
 }
 
 impl FaultCause {
@@ -121,6 +159,7 @@ impl FaultCause {
             FaultCause::Encoder { .. } => "encoder readings are not possible",
             FaultCause::Spindle => "the spindle did not come to speed",
             FaultCause::Drive => "a drive reports a fault",
+            FaultCause::Homing { .. } => "the reference of an axis was not found in time",
         }
     }
 }
@@ -132,6 +171,22 @@ pub enum Event {
     PowerOn,
     /// Power off.
     PowerOff,
+    /// Where all axes are is known.
+    ReferencesKnown,
+    /// Homing begins, or goes on.
+    Homing {
+        /// 0 is X.
+        axis: u8,
+        /// How far it is.
+        stage: HomingStage,
+    },
+    /// The machine is at home.
+    AtHome,
+    /// The joystick is out of its middle.
+    Jog {
+        /// 0 is X.
+        axis: u8,
+    },
     /// A command is there.
     Work,
     /// A wait begins.
@@ -146,6 +201,8 @@ pub enum Event {
     Hold,
     /// Somebody asks to go on.
     CycleStart,
+    /// Spindle and coolant are as they were.
+    Restored,
     /// A controlled stop is needed.
     Stop(StopCause),
     /// The axes came to rest.
@@ -166,30 +223,40 @@ pub fn next_state(state: State, event: Event) -> State {
     match (state, event) {
         // Without power nothing happens, and power can always go.
         (_, Event::PowerOff) => Off,
-        (Off, Event::PowerOn) => Ready,
+        (Off, Event::PowerOn) => NotHomed,
         (Off, _) => Off,
 
         // The emergency stop beats everything; only its release and then a reset lead out of it.
         (_, Event::EmergencyStop) => EmergencyStop,
         (EmergencyStop, Event::EmergencyStopReleased) => EmergencyStopReleased,
         (EmergencyStop, _) => EmergencyStop,
-        (EmergencyStopReleased, Event::Reset) => Ready,
+        (EmergencyStopReleased, Event::Reset) => NotHomed,
         (EmergencyStopReleased, _) => EmergencyStopReleased,
 
         // A fault beats everything else; the first one is kept.
-        (Fault(_), Event::Reset) => Ready,
+        (Fault(_), Event::Reset) => NotHomed,
         (Fault(cause), _) => Fault(cause),
         (_, Event::Fault(cause)) => Fault(cause),
 
         // A controlled stop: the first cause is kept, and it ends at rest.
         (Stopping(cause), Event::AtRest) => Stopped(cause),
         (Stopping(cause), _) => Stopping(cause),
-        (Stopped(_), Event::Reset) => Ready,
-        (Stopped(cause), Event::CycleStart) if cause.can_go_on() => Running,
+        (Stopped(_), Event::Reset) => NotHomed,
+        (Stopped(cause), Event::CycleStart) if cause.can_go_on() => Resuming,
         (Stopped(_), Event::Stop(StopCause::Asked)) => Stopped(StopCause::Asked),
         (Stopped(cause), _) => Stopped(cause),
-        (Ready, Event::Stop(_)) => Ready,
+        (Ready | NotHomed, Event::Stop(_)) => state,
+        // Only a program can go on after a stop.
+        (Homing { .. } | Jogging { .. }, Event::Stop(cause)) if cause.can_go_on() => state,
         (_, Event::Stop(cause)) => Stopping(cause),
+
+        // By hand. What needs references asks for them anew: not homed, and in the same cycle ready if they are known.
+        (NotHomed, Event::ReferencesKnown) => Ready,
+        (NotHomed | Ready | Homing { .. }, Event::Homing { axis, stage }) => Homing { axis, stage },
+        (Homing { .. }, Event::AtHome) => NotHomed,
+        (Homing { .. }, Event::Hold) => Stopping(StopCause::Asked),
+        (NotHomed | Ready, Event::Jog { axis }) => Jogging { axis },
+        (Jogging { .. }, Event::AtRest) => NotHomed,
 
         // Hold and go on.
         (Running, Event::Hold) => Holding,
@@ -198,7 +265,10 @@ pub fn next_state(state: State, event: Event) -> State {
         (WaitingThenHold(wait), Event::CycleStart) => Waiting(wait),
         (WaitingThenHold(_), Event::WaitOver) => Held,
         (Holding, Event::AtRest) => Held,
-        (Holding | Held | Paused, Event::CycleStart) => Running,
+        (Holding, Event::CycleStart) => Running,
+        (Held | Paused, Event::CycleStart) => Resuming,
+        (Resuming, Event::Restored) => Running,
+        (Resuming, Event::Hold) => Held,
 
         // The program.
         (Ready, Event::Work) => Running,
@@ -216,9 +286,11 @@ impl State {
     /// The column of the record.
     pub fn phase(self) -> Phase {
         match self {
-            State::Off | State::Ready => Phase::Ready,
+            State::Off | State::NotHomed | State::Ready => Phase::Ready,
+            State::Homing { .. } => Phase::Homing,
+            State::Jogging { .. } => Phase::Jogging,
             State::Running | State::Holding => Phase::Running,
-            State::Waiting(_) | State::WaitingThenHold(_) => Phase::Waiting,
+            State::Waiting(_) | State::WaitingThenHold(_) | State::Resuming => Phase::Waiting,
             State::Held | State::Paused => Phase::Paused,
             State::Stopping(_) | State::Stopped(_) => Phase::Stopped,
             State::EmergencyStop | State::EmergencyStopReleased => Phase::EmergencyStop,
@@ -231,6 +303,7 @@ impl State {
         matches!(
             self,
             State::Off
+                | State::NotHomed
                 | State::Held
                 | State::Paused
                 | State::Stopped(_)

@@ -24,12 +24,15 @@
 
 mod blend;
 mod jerk;
+mod pieces;
 mod planner;
 pub mod profile;
+mod remaining;
 pub mod sample;
 pub mod smooth;
 mod trajectory;
 
+pub use remaining::RemainingTime;
 pub use trajectory::{Output, Trajectory};
 
 use units::{Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Seconds};

@@ -29,6 +29,7 @@ pub(crate) struct Accelerated {
     smoother: Smoother,
     profile: Profile,
     sampler: Sampler,
+    feed_scale: f64,
 }
 
 impl Planner {
@@ -40,18 +41,39 @@ impl Planner {
                 smoother: Smoother::new(limits),
                 profile: Profile::new(limits),
                 sampler: Sampler::new(position),
+                feed_scale: 1.0,
             })),
         }
     }
 
     /// The next move.
-    pub(crate) fn push(&mut self, piece: Piece) {
+    pub(crate) fn push(&mut self, mut piece: Piece) {
         match self {
             Planner::Accelerated(planner) => {
+                if !piece.rapid && !piece.locked {
+                    piece.feed *= planner.feed_scale;
+                }
                 let Accelerated { smoother, profile, .. } = &mut **planner;
                 smoother.push(piece, &mut |s| forward(profile, s));
             }
             Planner::Jerk(planner) => planner.push(piece),
+        }
+    }
+
+    /// Multiplies programmed feeds from here on: without a limit of jerk those of moves that are still to come, with one everything that has
+    /// not been given out.
+    pub(crate) fn set_feed_scale(&mut self, scale: f64) {
+        match self {
+            Planner::Accelerated(planner) => planner.feed_scale = scale,
+            Planner::Jerk(planner) => planner.set_feed_scale(scale),
+        }
+    }
+
+    /// The multiplier for the next move, where set-points do not tell theirs.
+    pub(crate) fn feed_scale_of_next(&self) -> Option<f64> {
+        match self {
+            Planner::Accelerated(planner) => Some(planner.feed_scale),
+            Planner::Jerk(_) => None,
         }
     }
 

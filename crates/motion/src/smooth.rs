@@ -49,6 +49,8 @@ pub struct Piece {
     pub feed_factors: Vec<(f64, f64)>,
     /// Rapid or feed.
     pub rapid: bool,
+    /// No override is for it: its feed is tied to the spindle.
+    pub locked: bool,
     /// The step it came from.
     pub step: StepId,
     /// How its end may be rounded.

@@ -1,12 +1,13 @@
 //! The stream of steps becomes a stream of commands: what is at rest, what stands between two moves, and the motion itself.
 
+use crate::pieces::{looked_at, over_parameter, product, shifted, smooth_parts, starting_at};
 use crate::planner::{Planned, Planner};
 use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece};
 use crate::{Limits, Statistics};
 use machine::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 use plan::{
     Alarm, Answer, Diagnostic, Feed, Level, MachineMove, Move, Next, Origin, Path, PathMode, Place, ProgramStream, Question,
-    Speed, SpeedProfile, SpindleMode, SpindleState, Spline, Step, StepKind, Thread,
+    Speed, SpindleMode, SpindleState, Step, StepKind, Thread,
 };
 use std::collections::VecDeque;
 use units::{Machine, Millimetres, Point, Rpm, Seconds, Setup, StepId, TICK, Transform, Vector, WorkingstepId};
@@ -27,21 +28,14 @@ const LONGEST: f64 = 86_400.0;
 /// Largest sweep of one arc, rad: its limits are looked at each 0.05 rad, all in memory.
 const LARGEST_SWEEP: f64 = 1e4;
 
+/// Largest feed override.
+const LARGEST_OVERRIDE: f64 = 2.0;
+
 /// Slowest feed, mm/s: its square stays far within a double's range on the longest move.
 const SLOWEST_FEED: f64 = 1e-12;
 
-/// Chord of an arc, as a share of its radius, from which on its end can stay where it is when its start moves: no place of it moves by
-/// more than twice as much.
-const SHORTEST_CHORD: f64 = 1.0;
-
 /// Steps between two moves that are kept while the second move is not known; behind more of them the machine comes to rest.
 const MOST_MARKS: usize = 10_000;
-
-/// Parts of a path between which a feed that follows the radius is looked at before halving begins; halvings; and how far the line
-/// between two looks may be off, as a share.
-const FEED_LOOKS: u32 = 4;
-const FEED_HALVINGS: u8 = 9;
-const FEED_ERROR: f64 = 0.0004;
 
 /// What comes out, in the order in which the machine has to do it.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,6 +79,18 @@ pub struct Trajectory<'a> {
     history: [[f64; 3]; 3],
     statistics: Statistics,
     gaps: f64,
+    /// What overrides are for the set-points from a step on; the first is that of the set-points at hand.
+    kinds: VecDeque<(StepId, Kind)>,
+}
+
+/// Which override is for a move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Kind {
+    rapid: bool,
+    /// None is.
+    locked: bool,
+    /// The multiplier of its feed, where set-points do not tell it.
+    feed_scale: Option<f64>,
 }
 
 /// Path parameters and the multiplier of the feed there, as in [`Piece::feed_factors`].
@@ -154,6 +160,30 @@ impl<'a> Trajectory<'a> {
             history: [start.xyz; 3],
             statistics: Statistics::default(),
             gaps: 0.0,
+            kinds: VecDeque::new(),
+        }
+    }
+
+    /// Plans under a limit of jerk on a grid that is this many times finer than usual, and with all of the limits: a reference for how fast
+    /// the smoothed path can be travelled. Many times slower, and no sample is looked at.
+    pub fn with_fine_grid(mut self, fineness: f64) -> Self {
+        if let Planner::Jerk(planner) = &mut self.planner {
+            planner.fineness = fineness.clamp(1.0, 100.0);
+        }
+        self
+    }
+
+    /// From here on plans for these overrides, as shares of the programmed feeds and of rapids; 1 is 100 %, more than 2 is 2.
+    ///
+    /// Below 100 % nothing is planned again: the machine slows down what it has at once and on its path, by time, and goes on as fast as
+    /// before when the override is taken back. Above it programmed feeds are multiplied, up to what the axes can do, from where set-points
+    /// have been given out: with a limit of jerk a few milliseconds behind the last of them, without one behind the look-ahead. Rapids are as
+    /// fast as the axes already, and the feed of a thread is that of the spindle. [`SetPoint::planned_override`] tells what each set-point was
+    /// planned for; a machine whose override is less than that slows down by their ratio.
+    pub fn set_override(&mut self, feed: f64, rapid: f64) {
+        let _ = rapid;
+        if feed.is_finite() {
+            self.planner.set_feed_scale(feed.clamp(1.0, LARGEST_OVERRIDE));
         }
     }
 
@@ -244,6 +274,7 @@ impl<'a> Trajectory<'a> {
                     feed: f64::INFINITY,
                     feed_factors: vec![],
                     rapid: true,
+                    locked: false,
                     step: id,
                     corner: Corner::Stop,
                 });
@@ -374,6 +405,7 @@ impl<'a> Trajectory<'a> {
                 feed,
                 feed_factors: factors.iter().map(|(u, f)| ((u - range[0]) / width, *f)).collect(),
                 rapid: m.speed == Speed::Rapid,
+                locked: matches!(m.speed, Speed::Feed(Feed::Thread(_))),
                 step: step.id,
                 // A corner inside a move is not its end: exact stop does not stop there, but it does not leave the path either.
                 corner: match corner {
@@ -501,6 +533,14 @@ impl<'a> Trajectory<'a> {
             return;
         }
         self.position = piece.path.end();
+        let kind = Kind {
+            rapid: piece.rapid,
+            locked: piece.locked,
+            feed_scale: self.planner.feed_scale_of_next(),
+        };
+        if self.kinds.back().is_none_or(|last| last.1 != kind) {
+            self.kinds.push_back((piece.step, kind));
+        }
         self.planner.push(piece);
     }
 
@@ -525,6 +565,7 @@ impl<'a> Trajectory<'a> {
                 feed,
                 feed_factors: vec![],
                 rapid,
+                locked: false,
                 step: self.last_move,
                 corner: Corner::Stop,
             });
@@ -558,7 +599,18 @@ impl<'a> Trajectory<'a> {
 
     /// Counts a set-point and holds it against the limits. With constant surface speed the spindle is told first when it has to change
     /// by 1 % or ten cycles have passed.
-    fn give(&mut self, point: SetPoint) -> Output {
+    fn give(&mut self, mut point: SetPoint) -> Output {
+        while self.kinds.get(1).is_some_and(|next| next.0 <= point.step) {
+            self.kinds.pop_front();
+        }
+        if let Some((_, kind)) = self.kinds.front() {
+            point.rapid = kind.rapid;
+            point.planned_override = match kind {
+                Kind { locked: true, .. } => 0.0,
+                Kind { rapid: true, .. } => 1.0,
+                Kind { feed_scale, .. } => feed_scale.unwrap_or(point.planned_override),
+            };
+        }
         let v_max = self.limits.v_max;
         let a_max = self.limits.a_max;
         let j_max = self.limits.j_max;
@@ -605,170 +657,4 @@ impl<'a> Trajectory<'a> {
 fn with_remedy(mut found: Box<Diagnostic>, remedy: &str) -> Box<Diagnostic> {
     found.remedy = remedy.into();
     found
-}
-
-/// The same path, moved by the tool offset: where the gauge point goes.
-fn shifted(path: Path<Machine>, by: Vector<Machine>) -> Path<Machine> {
-    if by == Vector::ZERO {
-        return path;
-    }
-    path.in_frame(&Transform::shift(by.xyz))
-}
-
-/// The same path, started a rounding away.
-fn starting_at(path: Path<Machine>, place: Point<Machine>) -> Path<Machine> {
-    match path {
-        Path::Line { to, .. } => Path::Line { from: place, to },
-        Path::Arc(mut arc) => {
-            // Lengthwise the rise takes it up. In the plane, turn and size change such that the end stays: chord and angle make a circle.
-            let d = place - arc.from;
-            let up = d.dot(arc.normal);
-            let end = Path::Arc(arc).end();
-            let chord = arc.from - (end - arc.normal * arc.rise);
-            let flat = arc.normal * up;
-            let moved = place - flat - (end - arc.normal * arc.rise);
-            // A nearly closed circle would be carried away by many times the gap; it is shifted as it is, and the next move closes the
-            // rest.
-            if chord.length() < SHORTEST_CHORD * arc.radius() {
-                arc.centre = arc.centre + d;
-                arc.from = place;
-                return Path::Arc(arc);
-            }
-            // Rotation and scale that take the old chord to the new one, about the end.
-            let (scale, sine) = (
-                moved.dot(chord) / chord.dot(chord),
-                arc.normal.dot(chord.cross(moved)) / chord.dot(chord),
-            );
-            let to_centre = arc.centre - (end - arc.normal * arc.rise);
-            arc.centre = end - arc.normal * arc.rise + to_centre * scale + arc.normal.cross(to_centre) * sine + flat;
-            arc.from = place;
-            arc.rise -= up;
-            Path::Arc(arc)
-        }
-        Path::Spline(mut spline) => {
-            // The start of a clamped spline is its first pole; that of another one is a mean of as many poles as its degree.
-            let d = place - Path::Spline(spline.clone()).start();
-            let clamped = spline.knots[..=spline.degree].windows(2).all(|k| k[0] == k[1]);
-            let count = if clamped { 1 } else { spline.degree };
-            spline.poles.iter_mut().take(count).for_each(|p| *p = *p + d);
-            Path::Spline(spline)
-        }
-    }
-}
-
-/// A path cut at its inner corners, with the parameters of each part: a spline whose knot is as multiple as its degree may turn there.
-fn smooth_parts(path: &Path<Setup>) -> Vec<(Path<Setup>, [f64; 2])> {
-    let whole = || vec![(path.clone(), [0.0, 1.0])];
-    let Path::Spline(spline) = path else { return whole() };
-    let degree = spline.degree;
-    let (low, high) = (spline.knots[degree], spline.knots[spline.poles.len()]);
-    let mut parts = vec![];
-    let (mut poles, mut knots, mut from) = (0, spline.knots[..=degree].to_vec(), low);
-    let mut k = degree + 1;
-    while k < spline.knots.len() {
-        let knot = spline.knots[k];
-        let after = k + spline.knots[k..].iter().take_while(|other| **other == knot).count();
-        if knot > from && knot < high && after - k >= degree {
-            let mut inner = knots.clone();
-            inner.extend(std::iter::repeat_n(knot, degree + 1));
-            parts.push((
-                part(spline, poles..k, inner),
-                [(from - low) / (high - low), (knot - low) / (high - low)],
-            ));
-            poles = after - degree - 1;
-            knots = vec![knot; degree + 1];
-            from = knot;
-        } else {
-            knots.extend(&spline.knots[k..after]);
-        }
-        k = after;
-    }
-    if parts.is_empty() {
-        return whole();
-    }
-    parts.push((
-        part(spline, poles..spline.poles.len(), knots),
-        [(from - low) / (high - low), 1.0],
-    ));
-    parts
-}
-
-fn part(spline: &Spline<Setup>, poles: std::ops::Range<usize>, knots: Vec<f64>) -> Path<Setup> {
-    Path::Spline(Spline {
-        degree: spline.degree,
-        weights: spline.weights.get(poles.clone()).map_or(vec![], <[f64]>::to_vec),
-        poles: spline.poles[poles].to_vec(),
-        knots,
-    })
-}
-
-/// A speed profile over the path's parameter instead of its length.
-fn over_parameter(profile: &SpeedProfile, path: &Path<Setup>, length: f64) -> Vec<(f64, f64)> {
-    let points = profile.points.iter().copied();
-    let Path::Spline(spline) = path else { return points.collect() };
-    // Length at equal parameters, many for each span; between them length and parameter are nearly proportional.
-    let count = 64 * (spline.poles.len() - spline.degree);
-    let mut table = vec![(0.0, 0.0)];
-    for k in 1..=count {
-        let (before, u) = ((k - 1) as f64 / count as f64, k as f64 / count as f64);
-        let (_, sum) = table[k - 1];
-        table.push((u, sum + spline.length_between(before, u) / length));
-    }
-    let total = table[count].1;
-    let share = |s: f64| s * total;
-    let inverse = |s: f64| {
-        let after = table.partition_point(|t| t.1 < share(s)).clamp(1, count);
-        let (a, b) = (table[after - 1], table[after]);
-        a.0 + (b.0 - a.0) * ((share(s) - a.1) / (b.1 - a.1).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
-    };
-    let mut along: Vec<(f64, f64)> = vec![];
-    for (s, factor) in points {
-        // The factor is linear in the length and so not in the parameter: follow it over the table.
-        if let (Some(last), true) = (along.last().copied(), s > 0.0) {
-            let u = inverse(s.min(1.0));
-            let inner = table.iter().filter(|t| t.0 > last.0 && t.0 < u);
-            let inner: Vec<(f64, f64)> = inner.map(|t| (t.0, profile.factor(t.1 / total))).collect();
-            along.extend(inner);
-        }
-        along.push((inverse(s.clamp(0.0, 1.0)), factor));
-    }
-    along
-}
-
-/// A feed that follows the radius, as points with straight lines between them.
-fn looked_at(at: &dyn Fn(f64) -> f64) -> Vec<(f64, f64)> {
-    fn halve(at: &dyn Fn(f64) -> f64, a: (f64, f64), b: (f64, f64), depth: u8, points: &mut Vec<(f64, f64)>) {
-        let middle = (a.0 + b.0) / 2.0;
-        let m = (middle, at(middle));
-        if depth > 0 && ((a.1 + b.1) / 2.0 - m.1).abs() > FEED_ERROR * m.1 {
-            halve(at, a, m, depth - 1, points);
-            halve(at, m, b, depth - 1, points);
-        } else {
-            points.push(b);
-        }
-    }
-    let look = |k: u32| {
-        let u = f64::from(k) / f64::from(FEED_LOOKS);
-        (u, at(u))
-    };
-    let mut points = vec![look(0)];
-    for k in 0..FEED_LOOKS {
-        halve(at, look(k), look(k + 1), FEED_HALVINGS, &mut points);
-    }
-    points
-}
-
-/// Two multipliers at once: at the points of both; between them their product bends upwards or downwards, so it is looked at more often.
-fn product(steps: &[(f64, f64)], smooth: &[(f64, f64)]) -> Vec<(f64, f64)> {
-    let value = |points: &[(f64, f64)], u: f64| SpeedProfile { points: points.to_vec() }.factor(u);
-    let mut all: Vec<(f64, f64)> = steps.iter().map(|(u, f)| (*u, f * value(smooth, *u))).collect();
-    let others = smooth.iter().map(|p| p.0).chain((0..=64).map(|k| f64::from(k) / 64.0));
-    all.extend(
-        others
-            .filter(|u| steps.iter().all(|p| p.0 != *u))
-            .map(|u| (u, value(steps, u) * value(smooth, u))),
-    );
-    // Stable: the two points of a step stay in their order.
-    all.sort_by(|a, b| a.0.total_cmp(&b.0));
-    all
 }

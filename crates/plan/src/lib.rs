@@ -8,6 +8,7 @@
 //! what is in force, [`flow`] for a program with both ways of its branches, [`executed`] for the model of what really happened,
 //! [`diagnostic`] for remarks about somebody's file, [`inspection`] for the tree of a program as plain data.
 
+pub mod comment;
 pub mod diagnostic;
 pub mod executed;
 pub mod expression;

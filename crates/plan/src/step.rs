@@ -453,6 +453,9 @@ impl RawNcFunction {
     /// The kind of a name that the program gives to a variable (SETVN).
     pub const VARIABLE_NAME: &str = "variable name";
 
+    /// The kind of a line of the vocabulary in a comment or an extended function; its text is the line.
+    pub const EXTENDED: &str = "extended function";
+
     /// True for what every control does with lines of its own, printing and naming: they are no functions of the vocabulary.
     pub fn is_of_the_control(&self) -> bool {
         [Self::PRINT, Self::VARIABLE_NAME].contains(&self.kind.as_str())

@@ -7,6 +7,7 @@
 //!
 //! Read on: `places` for moving and putting between, `feeds` for feeds, `owners` for what goes when a part is deleted.
 
+mod classes;
 mod feeds;
 mod owners;
 mod places;

@@ -38,7 +38,7 @@
 //! [`stream`]. **Errors**: readers are tolerant, so what is odd becomes one [`plan::Diagnostic`] a kind with file, line and column, what
 //! cannot be run becomes an alarm when the stream comes to it, and nothing that the file does not say is made up.
 //!
-//! Read on: [`model`] for what a program consists of, [`stream`] for running it, [`twin`] for as-executed models.
+//! Read on: [`model`] for what a program consists of, [`levels`] for who may change which part, [`stream`] for running it, [`twin`] for as-executed models.
 
 mod aim;
 mod arm;
@@ -48,8 +48,10 @@ pub mod dimensions;
 pub mod edit;
 mod expression;
 pub mod inspect;
+pub mod levels;
 pub mod model;
 mod named;
+mod points;
 pub mod problems;
 pub mod select;
 pub mod stream;

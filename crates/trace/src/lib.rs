@@ -4,14 +4,20 @@
 //! path, or a comment in G-code. [`parse`] makes a [`Function`] of it, `to_string` writes it again; [`FUNCTIONS`] is every one there is,
 //! from which the manual, the schema's mapping table and the tests are made.
 //!
+//! [`survey::Survey`] looks at a program before it runs, [`compile`] makes conditions of the realtime half's kind, and
+//! [`record::Recorder`] does, cycle by cycle, what the functions say.
+//!
 //! Read on: [`functions`] for the vocabulary, [`sensor`] for the names of values, [`comment`] for G-code.
 
 pub mod comment;
+pub mod compile;
 pub mod condition;
 mod fault;
 mod function;
 pub mod functions;
+pub mod record;
 pub mod sensor;
+pub mod survey;
 pub mod unit;
 mod value;
 

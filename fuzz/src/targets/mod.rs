@@ -2,6 +2,8 @@
 
 pub mod apt;
 pub mod gcode;
+pub mod link_frames;
+pub mod link_text;
 pub mod mtconnect_client;
 pub mod mtconnect_document;
 pub mod mtconnect_http;

@@ -367,10 +367,20 @@ pub(crate) fn columns_of(schema: &Schema) -> Result<Vec<Column>, String> {
 fn phase_of(number: u8) -> Phase {
     use Phase::*;
     // A phase that a newer program wrote: the machine certainly was not following set-points as we know them.
-    [Ready, Running, Waiting, Paused, Stopped, EmergencyStop, Fault]
-        .into_iter()
-        .find(|p| *p as u8 == number)
-        .unwrap_or(Fault)
+    [
+        Ready,
+        Running,
+        Waiting,
+        Paused,
+        Stopped,
+        EmergencyStop,
+        Fault,
+        Jogging,
+        Homing,
+    ]
+    .into_iter()
+    .find(|p| *p as u8 == number)
+    .unwrap_or(Fault)
 }
 
 fn quality_of(number: u8) -> Quality {

@@ -1,12 +1,12 @@
 //! A data directory with something of everything in it.
 
-use ledger::{Chain, ChangeRequest, Hash};
+use ledger::{Chain, ChangeRequest, Hash, Level, Operator};
 use machine::{Quality, Sample};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use store::record::{Header, Writer};
 use store::sizing::{NewSize, SizingJob};
-use store::{DataDirectory, Ending, JobId, NewJob, Retention};
+use store::{Assignment, DataDirectory, Ending, JobId, NewJob, Retention};
 use units::{StepId, Tick, Timestamp};
 
 pub const START: Timestamp = Timestamp(1_795_132_800_000_000_000);
@@ -72,6 +72,35 @@ pub fn run_a_job(directory: &mut DataDirectory, folder: Option<&Path>, rows: u64
     job.id
 }
 
+/// Two operators, and two programs that were run from `folder`.
+fn people(directory: &mut DataDirectory, folder: &Path) {
+    for (name, level) in [("Maria", 1), ("Jo", 6)] {
+        let mut operator = Operator::new(name, Level::new(level).expect("a level"));
+        for text in [
+            &mut operator.experience,
+            &mut operator.organization,
+            &mut operator.role,
+            &mut operator.shift,
+        ] {
+            *text = format!("known of {name}");
+        }
+        operator.qualified_until = (level > 1).then_some(Timestamp(START.0 + 1));
+        let assignment = Assignment {
+            after: &operator,
+            by_level: Some(Level::HIGHEST),
+            who: "local",
+            why: "new here",
+            at: START,
+            undoes: None,
+        };
+        directory.assign_operator(&assignment).expect("assigned");
+    }
+    for name in ["one.nc", "two.nc"] {
+        let hash = Hash::of(name.as_bytes());
+        directory.keep_known(&folder.join(name), hash, "Maria", START).expect("kept");
+    }
+}
+
 /// A job of sizes with two entries.
 fn size_a_part(directory: &mut DataDirectory) {
     let job = SizingJob {
@@ -114,6 +143,8 @@ pub fn populate(root: &Path, outside: &Path) {
         before = Some(to);
     }
     size_a_part(&mut directory);
+    let programs = directory.root().join("programs");
+    people(&mut directory, &programs);
     run_a_job(&mut directory, None, 300);
     run_a_job(&mut directory, Some(outside), 200);
     directory

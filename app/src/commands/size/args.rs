@@ -60,9 +60,10 @@ pub struct EnterArgs {
     /// is recorded so.
     #[arg(long, value_name = "OFFSET", allow_hyphen_values = true)]
     pub at_control: Option<String>,
-    /// Level of the person, 1 (highest) to 10; level 3 and better may exceed the largest single step.
-    #[arg(long, value_name = "LEVEL", default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=10))]
-    pub level: u8,
+    /// The level with which the entry is made, at most the person's own [default: 5, or the person's own where that is weaker]. Level 3
+    /// and better may exceed the largest single step, on purpose: without this a slip of the finger stays within it, whoever enters.
+    #[arg(long, value_name = "LEVEL", value_parser = clap::value_parser!(u8).range(1..=10))]
+    pub level: Option<u8>,
 }
 
 /// `toolmark size history`

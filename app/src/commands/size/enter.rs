@@ -5,8 +5,9 @@ use super::{Bench, number_in, shown_in, unit_name, unit_of};
 use crate::cli::Common;
 use crate::commands::{Done, print_json};
 use crate::failure::{Exit, Failure};
+use crate::people::Acting;
 use crate::{clock, say, shop};
-use ledger::ChangeRequest;
+use ledger::{Action, ChangeRequest, Level};
 use serde_json::{Value, json};
 use sizing::history::{self, Row, What};
 use sizing::{Correction, Dimension, Entry, EntryError, Present, Unit, Verdict, trend};
@@ -77,12 +78,14 @@ pub fn enter_size(
 
 /// Runs the command.
 pub(super) fn enter(args: &EnterArgs, common: &Common) -> Done {
+    let at = clock::start_time(common.start.as_deref())?;
     let mut directory = shop::data_directory(common)?;
+    let acting = Acting::of(&directory, common)?;
+    acting.must(Action::EnterSize, &mut directory, at)?;
     let mut bench = Bench::open(&directory, common)?;
     let dimension = bench.dimension(&args.dimension)?.clone();
     let unit = args.unit.map_or(dimension.unit, unit_of);
-    let at = clock::start_time(common.start.as_deref())?;
-    let who = shop::operator(common);
+    let level = level_of(&acting, args.level, &mut directory, at)?;
     let length = |option: &str, text: &Option<String>| -> Result<Option<f64>, Failure> {
         let read = |text: &String| sizing::entry::number(text).map(|n| tidy(unit.length(n).0));
         text.as_ref()
@@ -100,8 +103,8 @@ pub(super) fn enter(args: &EnterArgs, common: &Common) -> Done {
         entry: Entry {
             text: args.value.clone(),
             unit,
-            who,
-            level: args.level,
+            who: acting.name.clone(),
+            level,
             remark: common.reason.clone().unwrap_or_default(),
             when: at,
         },
@@ -141,6 +144,23 @@ pub(super) fn enter(args: &EnterArgs, common: &Common) -> Done {
         }
     }
 }
+
+/// The level that an entry is made with: 5 unless a person says to use the own one, and never one beyond that.
+fn level_of(acting: &Acting, asked: Option<u8>, directory: &mut DataDirectory, at: Timestamp) -> Result<u8, Failure> {
+    let own = acting.level.map_or(Level::LOWEST.number(), Level::number);
+    match asked {
+        None => Ok(own.max(USUAL_LEVEL)),
+        Some(asked) if asked >= own => Ok(asked),
+        Some(_) => {
+            // Whoever claims a stronger level than the own one is told and logged, whatever the size.
+            acting.must(Action::ExceedStep, directory, at)?;
+            Ok(own)
+        }
+    }
+}
+
+/// Without `--level` an entry is made with this one: a large step is made on purpose only.
+const USUAL_LEVEL: u8 = 5;
 
 /// What the control shows is not what the log says: somebody entered it there. It is recorded as found, by nobody we know.
 fn at_control(

@@ -14,9 +14,10 @@ mod undo;
 use super::{Done, print_json};
 use crate::cli::{Common, DisplayUnits};
 use crate::failure::{Exit, Failure};
+use crate::people::Acting;
 use crate::{clock, say, shop};
 use args::{JobArgs, SizeCommand};
-use ledger::ChangeRequest;
+use ledger::{Action, ChangeRequest};
 use serde_json::json;
 use sizing::history::{Row, What};
 use sizing::{Dimension, Job, MachineAxes, Unit};
@@ -136,9 +137,9 @@ impl Bench {
             text: text.to_owned(),
         };
         let at = clock::start_time(common.start.as_deref())?;
-        let kept = directory
-            .load_sizing_job(&new, &shop::operator(common), at)
-            .map_err(shop::failure)?;
+        let acting = Acting::of(directory, common)?;
+        acting.must(Action::DeclareSizes, directory, at)?;
+        let kept = directory.load_sizing_job(&new, &acting.name, at).map_err(shop::failure)?;
         Ok(Bench {
             kept,
             job,

@@ -5,18 +5,21 @@ use super::{Bench, number_in, shown_in, unit_name};
 use crate::cli::Common;
 use crate::commands::{Done, print_json};
 use crate::failure::{Exit, Failure};
+use crate::people::Acting;
 use crate::{clock, say, shop};
-use ledger::ChangeRequest;
+use ledger::{Action, ChangeRequest};
 use serde_json::json;
 use sizing::Applied;
 use sizing::history::{Row, What};
 use std::collections::BTreeSet;
 use store::DataDirectory;
-use units::Millimetres;
+use units::{Millimetres, Timestamp};
 
 /// Runs `undo`.
 pub(super) fn undo(args: &UndoArgs, common: &Common) -> Done {
+    let at = clock::start_time(common.start.as_deref())?;
     let mut directory = shop::data_directory(common)?;
+    let who = who_may(&mut directory, at, common)?;
     let mut bench = Bench::open(&directory, common)?;
     let entry = bench
         .history
@@ -49,8 +52,7 @@ pub(super) fn undo(args: &UndoArgs, common: &Common) -> Done {
         after: entry.after_mm.unwrap_or(0.0),
     };
     let present = directory.value(&entry.register).map_err(shop::failure)?;
-    let at = clock::start_time(common.start.as_deref())?;
-    let (who, reason) = (shop::operator(common), common.reason.clone().unwrap_or_default());
+    let reason = common.reason.clone().unwrap_or_default();
     let cut = has_cut(&bench, &directory, &entry)?;
     let (what, request) = if args.opposite {
         (What::Opposed, sizing::opposite(&applied, present, &who, &reason, at))
@@ -73,6 +75,13 @@ pub(super) fn undo(args: &UndoArgs, common: &Common) -> Done {
     tell(&bench, &[row], common)
 }
 
+/// Who takes an entry back or tells of a new tool: somebody who may.
+fn who_may(directory: &mut DataDirectory, at: Timestamp, common: &Common) -> Result<String, Failure> {
+    let acting = Acting::of(directory, common)?;
+    acting.must(Action::EnterSize, directory, at)?;
+    Ok(acting.name)
+}
+
 /// A part was cut with an entry in force: a program was run on the machine since, or a later part was measured.
 fn has_cut(bench: &Bench, directory: &DataDirectory, entry: &Row) -> Result<bool, Failure> {
     let later = |r: &Row| r.entry > entry.entry && r.what == What::Entered && r.register == entry.register && r.part > entry.part;
@@ -84,17 +93,11 @@ fn has_cut(bench: &Bench, directory: &DataDirectory, entry: &Row) -> Result<bool
 
 /// Runs `new-tool`.
 pub(super) fn new_tool(args: &NewToolArgs, common: &Common) -> Done {
-    let mut directory = shop::data_directory(common)?;
-    let mut bench = Bench::open(&directory, common)?;
     let at = clock::start_time(common.start.as_deref())?;
-    let rows = put_in(
-        &mut bench,
-        &mut directory,
-        args.offset,
-        &shop::operator(common),
-        common.reason.as_deref(),
-        at,
-    )?;
+    let mut directory = shop::data_directory(common)?;
+    let who = who_may(&mut directory, at, common)?;
+    let mut bench = Bench::open(&directory, common)?;
+    let rows = put_in(&mut bench, &mut directory, args.offset, &who, common.reason.as_deref(), at)?;
     if rows.is_empty() {
         return Err(Failure::usage(format_args!(
             "job {} has no dimension on offset {}",
@@ -114,7 +117,7 @@ pub fn put_in(
     offset: u32,
     who: &str,
     reason: Option<&str>,
-    at: units::Timestamp,
+    at: Timestamp,
 ) -> Result<Vec<Row>, Failure> {
     let why = reason.unwrap_or("a new tool was put in").to_owned();
     let mut rows = Vec::new();

@@ -104,7 +104,41 @@ pub fn export(root: &Path, job: &str, wanted: &Wanted<'_>, common: &Common) -> D
         done.events = events_csv(&selection, &found.events, &beside)?;
         done.files.push(beside);
     }
+    let values = found.job.folder.join(store::functions::FILE);
+    if values.is_file() {
+        let beside = wanted.out.with_extension("functions.csv");
+        functions_csv(&values, &beside)?;
+        done.files.push(beside);
+    }
     answer(&done, &found.job, Some(&columns), common)
+}
+
+/// The values that functions of the program recorded, one a line.
+fn functions_csv(values: &Path, beside: &Path) -> Result<(), Failure> {
+    use std::fmt::Write as _;
+    let quoted = |text: &str| match text.contains([',', '"', '\n']) {
+        true => format!("\"{}\"", text.replace('"', "\"\"")),
+        false => text.to_owned(),
+    };
+    let mut text = "tick,run,recording,stream,unit,value,quality,step,workingstep,tool\n".to_owned();
+    store::functions::read(values, &mut |row| {
+        let value = row.value.map_or_else(String::new, |v| v.to_string());
+        let _ = writeln!(
+            text,
+            "{},{},{},{},{},{value},{},{},{},{}",
+            row.tick,
+            row.run,
+            quoted(&row.recording),
+            quoted(&row.stream),
+            quoted(&row.unit),
+            quoted(&row.quality),
+            row.step,
+            row.workingstep,
+            row.tool
+        );
+    })
+    .map_err(shop::failure)?;
+    crate::files::write(beside, text.as_bytes())
 }
 
 /// What was written, for the person. Observations have no channels.

@@ -102,6 +102,7 @@ pub fn brief(root: &Path, found: &Found) -> Value {
         "verdict": found.verdict,
         "folder": shown(root, &job.folder),
         "events": found.events.len(),
+        "functions": found.events.iter().filter(|e| e.kind == trace::record::EVENT).count(),
         "rows": found.rows(),
         "hold": found.hold.as_ref().map(|h| json!({ "since": clock::utc(h.at), "who": h.who, "why": h.why })),
         "missing_rows": missing_rows(found),

@@ -8,7 +8,7 @@ use crate::commands::backup::size;
 use crate::commands::{Done, print_json};
 use crate::failure::{Exit, Failure};
 use crate::survey::minutes;
-use crate::{clock, say, shop};
+use crate::{clock, functions, say, shop};
 use ledger::Event;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -39,6 +39,8 @@ pub fn show(root: &Path, job: &str, all_events: bool, common: &Common) -> Done {
         let mut answer = brief(root, &found);
         answer["events"] = serde_json::to_value(&found.events).expect("events are always JSON");
         answer["gaps"] = gaps(&numbers);
+        answer["function_records"] =
+            serde_json::to_value(functions::told(&found.events)).expect("texts and numbers are always JSON");
         answer["channels"] = serde_json::to_value(&numbers.channels).expect("texts and numbers are always JSON");
         answer["workingsteps"] = workingsteps(&found, &numbers, &names);
         print_json(&answer)?;
@@ -53,6 +55,11 @@ pub fn show(root: &Path, job: &str, all_events: bool, common: &Common) -> Done {
                 seconds_since(found.job.start, gap.from_ns),
                 seconds_since(found.job.start, gap.to_ns)
             ));
+        }
+        let told = functions::told(&found.events);
+        if !told.is_empty() {
+            say(&format!("  {} records of functions", told.len()));
+            functions::print(&told);
         }
         events(&found, all_events);
     }

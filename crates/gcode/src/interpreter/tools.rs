@@ -1,6 +1,9 @@
 //! Tool calls, with the words that a program has for them, and the workingsteps that they begin.
 
 use super::*;
+use plan::RawNcFunction;
+use plan::comment::Comment;
+use std::collections::BTreeMap;
 
 impl Interpreter {
     pub(super) fn set_tool(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<()> {
@@ -72,7 +75,14 @@ impl Interpreter {
     /// Takes note of a line that holds only a comment, or nothing.
     pub(crate) fn comment_line(&mut self, block: &Block, site: Site<'_>) {
         const MOST: usize = 8;
-        let Some((start, end)) = block.comment else { return };
+        let Some((start, end)) = block.comment else {
+            self.tell_function();
+            return;
+        };
+        if self.take_function(start, site, true) {
+            return;
+        }
+        self.tell_function();
         if self.show_message(block, site) {
             return;
         }
@@ -101,6 +111,78 @@ impl Interpreter {
             self.emit(StepKind::Message(characters(&bytes[4..]).trim().to_owned()));
         }
         is_message
+    }
+
+    /// Takes a function of the traceability vocabulary out of the comments of a line; `start` is behind the bracket of the first. False
+    /// when they say nothing to it. What goes on in the next line is waited for: [`Interpreter::tell_function`].
+    pub(crate) fn take_function(&mut self, start: usize, site: Site<'_>, own_block: bool) -> bool {
+        let begins = site.text[start..].trim_ascii_start();
+        if !begins.get(..6).is_some_and(|b| b.eq_ignore_ascii_case(b"trace:")) {
+            return false;
+        }
+        let mut any = false;
+        for comment in site.text[start - 1..].split(|b| *b == b'(').skip(1) {
+            let inner = comment.split(|b| *b == b')').next().unwrap_or_default();
+            let at = inner.as_ptr() as usize - site.text.as_ptr() as usize;
+            match plan::comment::read(&characters(inner)) {
+                Comment::Other => {}
+                Comment::Begins(line) => {
+                    self.tell_function();
+                    any = true;
+                    let running = self.modal_running > 0;
+                    if self.cycle.is_some() || running {
+                        self.note(Severity::Error, "T-12", site, at, || {
+                            (
+                                format!(
+                                    "a function stands inside a {}",
+                                    if running { "modal call's body" } else { "canned cycle" }
+                                ),
+                                "move it before the cycle, or behind its end".to_owned(),
+                            )
+                        });
+                        continue;
+                    }
+                    if !own_block {
+                        self.note(Severity::Warning, "trace-block", site, at, || {
+                            (
+                                "a function stands in a block with words; it takes effect before the block".to_owned(),
+                                "give it a block of its own".to_owned(),
+                            )
+                        });
+                    }
+                    self.function = Some((self.origin, line));
+                }
+                Comment::GoesOn(more) => {
+                    any = true;
+                    match &mut self.function {
+                        Some((_, line)) => *line = plan::comment::joined(line, &more),
+                        None => self.note(Severity::Warning, "trace-continuation", site, at, || {
+                            (
+                                "(trace:+ goes on with a function that did not begin".to_owned(),
+                                "put it right behind the (trace:1 ...) that it belongs to".to_owned(),
+                            )
+                        }),
+                    }
+                }
+            }
+        }
+        any
+    }
+
+    /// Says the function that was read: nothing that follows belongs to it.
+    pub(crate) fn tell_function(&mut self) {
+        if let Some((origin, text)) = self.function.take() {
+            let name = text.split_whitespace().nth(1).unwrap_or_default().to_owned();
+            self.tell_behind(
+                origin,
+                StepKind::NcFunction(RawNcFunction {
+                    kind: RawNcFunction::EXTENDED.to_owned(),
+                    name,
+                    text,
+                    properties: BTreeMap::new(),
+                }),
+            );
+        }
     }
 
     /// A line that is no comment was met: the next comment line begins a new run.

@@ -72,7 +72,23 @@ impl GcodeProgram {
             });
             let result = match line.kind {
                 _ if read.is_err() => read,
-                Kind::Blank => continue,
+                Kind::Blank => match line.comment {
+                    Some((start, end))
+                        if site.text[start..end]
+                            .trim_ascii_start()
+                            .get(..6)
+                            .is_some_and(|b| b.eq_ignore_ascii_case(b"trace:")) =>
+                    {
+                        Err(Fault::new(
+                            start,
+                            0,
+                            "T-12",
+                            "a function stands inside the contour of a cycle",
+                            "move it before the cycle, or behind the contour",
+                        ))
+                    }
+                    _ => continue,
+                },
                 Kind::Words if line.program.is_none() => {
                     let told = self.interpreter.contour_block(contour, request, &mut self.block, site);
                     if told.is_ok() && line.sequence == Some(request.last) {

@@ -69,6 +69,7 @@ pub(super) fn of(piece: &Piece, corner: Corner) -> (Vec<Piece>, f64) {
             feed: piece.feed,
             feed_factors,
             rapid: piece.rapid,
+            locked: piece.locked,
             step: piece.step,
             corner: within,
         });

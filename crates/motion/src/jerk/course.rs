@@ -6,12 +6,14 @@
 //! How far a joint reaches is decided in [`Course::settle`], as soon as enough of the path behind it is known: as far as the tolerance
 //! allows, all joints added up.
 
-use super::kernel::{EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, easing, rounding, rounding_value, swing};
-use super::vector::{V3, add_scaled, length, minus, scaled};
-use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece, SLOWEST_SHARE};
-use plan::Path;
+use super::kernel::{
+    EASING_PEAK, EASING_PLACE, Jet, ROUNDING_PEAK, SWING_PEAK, TURNING, easing, rounding, rounding_value, rounding_value_over,
+    swing,
+};
+use super::span::{Place, Span};
+use super::vector::{V3, add_scaled, length, minus};
+use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece};
 use std::collections::VecDeque;
-use units::StepId;
 
 /// Neighbours on each side that a joint may reach: the work for a place is bounded by it.
 const REACH: usize = 24;
@@ -24,42 +26,15 @@ const FARTHEST_SHARE: f64 = 7.0;
 /// Share of the tolerance that a joint plans with before neighbours of unequal reach are added up.
 const SHARE: f64 = 0.9;
 
+/// How exactly the largest reach is found, as a share.
+const REACH_ERROR: f64 = 1e-8;
+
+/// Share of a reach within which two places are the same.
+const HAIR: f64 = 1e-7;
+
 /// Ratio between the reaches that are tried.
 const FINER: f64 = 0.75;
-
-/// A move of the programmed path.
-#[derive(Debug)]
-pub(super) struct Span {
-    /// Where it begins, mm along the stretch.
-    pub(super) start: f64,
-    /// Its length, mm.
-    pub(super) length: f64,
-    shape: Shape,
-    /// Fastest path speed, mm/s, and its factors as in [`Piece::feed_factors`].
-    feed: f64,
-    factors: Vec<(f64, f64)>,
-    /// How far it may be left, mm.
-    tolerance: f64,
-    /// The step in whose name it is travelled.
-    pub(super) step: StepId,
-}
-
-#[derive(Debug)]
-enum Shape {
-    Line {
-        from: V3,
-        along: V3,
-    },
-    /// Circle or helix; `turn` and `rise` for each millimetre of length.
-    Round {
-        centre: V3,
-        out: V3,
-        side: V3,
-        normal: V3,
-        turn: f64,
-        rise: f64,
-    },
-}
+const NEARER: f64 = 0.96;
 
 /// Where a span begins: what steps there.
 #[derive(Clone, Copy, Debug)]
@@ -70,9 +45,6 @@ struct Joint {
     sizes: [f64; 2],
     half: f64,
 }
-
-/// Place and the first three derivatives by `s`.
-pub(super) type Place = [V3; 4];
 
 /// Turns from here on (the length of the step of the tangent; 29 degrees) are corners: the machine all but stops in them.
 const CORNER: f64 = 0.5;
@@ -105,6 +77,38 @@ impl Joint {
     }
 }
 
+/// Sides of a place.
+#[derive(Clone, Copy)]
+enum Side {
+    Before,
+    Behind,
+}
+
+/// Adds what a joint makes of a place; what its third derivative has on one side only is `missing` on the other.
+#[inline(always)]
+fn add_jet(place: &mut Place, missing: &mut V3, mut jet: Jet, step: V3, only: Option<Side>) {
+    match only {
+        None => {}
+        Some(Side::Behind) => add_scaled(missing, step, -jet[3]),
+        Some(Side::Before) => {
+            add_scaled(missing, step, jet[3]);
+            jet[3] = 0.0;
+        }
+    }
+    for n in 0..4 {
+        add_scaled(&mut place[n], step, jet[n]);
+    }
+}
+
+/// What a joint near another one adds to the path there.
+#[derive(Clone, Copy, Default)]
+struct Near {
+    d: f64,
+    is_corner: bool,
+    turn: V3,
+    bend: Option<V3>,
+}
+
 /// One stretch.
 #[derive(Debug, Default)]
 pub(super) struct Course {
@@ -125,35 +129,7 @@ impl Course {
     /// Adds a move; lines and arcs only.
     pub(super) fn push(&mut self, piece: &Piece) {
         let length = piece.length;
-        let shape = match &piece.path {
-            Path::Arc(arc) if arc.radius() > 0.0 => {
-                let out = (arc.from - arc.centre).xyz;
-                Shape::Round {
-                    centre: arc.centre.xyz,
-                    out,
-                    side: arc.normal.cross(arc.from - arc.centre).xyz,
-                    normal: arc.normal.xyz,
-                    turn: arc.sweep.0 / length,
-                    rise: arc.rise / length,
-                }
-            }
-            path => {
-                let (from, to) = (path.start().xyz, path.end().xyz);
-                Shape::Line {
-                    from,
-                    along: scaled(minus(to, from), 1.0 / length),
-                }
-            }
-        };
-        let span = Span {
-            start: self.length,
-            length,
-            shape,
-            feed: piece.feed,
-            factors: piece.feed_factors.clone(),
-            tolerance: piece.corner.tolerance(),
-            step: piece.step,
-        };
+        let span = Span::of(piece, self.length);
         let (turn, bend) = match self.spans.back() {
             None => ([0.0; 3], [0.0; 3]),
             Some(last) => {
@@ -197,7 +173,7 @@ impl Course {
         let first = self.settled;
         let mut reach: Vec<f64> = self.joints.iter().map(|j| j.half).collect();
         for k in first..count {
-            reach[k] = self.widest(k, end);
+            reach[k] = self.widest(k, end, &reach);
         }
         // Two neighbours differ by no more than their distance, so that the smooth part beside a sharp corner does not reach over it.
         let gap = |k: usize| self.joints[k].s - self.joints[k - 1].s;
@@ -254,7 +230,7 @@ impl Course {
             } else {
                 0.0
             };
-            for place in [s - aside, s, s + aside] {
+            for place in [s, s - aside, s + aside].into_iter().take(if aside > 0.0 { 3 } else { 1 }) {
                 self.deviation = self.deviation.max(length(self.off(k, place, &reach)));
             }
         }
@@ -273,7 +249,7 @@ impl Course {
     }
 
     /// The largest reach of joint `k` with which it and its neighbours, all reaching as far, stay within the tolerance at it.
-    fn widest(&self, k: usize, end: f64) -> f64 {
+    fn widest(&self, k: usize, end: f64, found: &[f64]) -> f64 {
         let joint = &self.joints[k];
         // Alone it may use all of it.
         let share = if joint.is_corner() { 0.995 } else { SHARE };
@@ -285,55 +261,105 @@ impl Course {
             .min(FARTHEST.max(FARTHEST_SHARE * tolerance))
             .min(joint.s)
             .min(end - joint.s);
+        // Those that may reach here, by how far away they are.
+        let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(count));
+        let mut near = [Near::default(); 2 * REACH + 1];
+        let mut few = 0;
+        for other in self.joints.range(low..high) {
+            let d = joint.s - other.s;
+            if d.abs() < by_count {
+                near[few] = Near {
+                    d,
+                    is_corner: other.is_corner(),
+                    turn: other.turn,
+                    bend: (other.sizes[1] > 0.0).then_some(other.bend),
+                };
+                few += 1;
+            }
+        }
+        let near = &near[..few];
         let off = |half: f64| {
-            let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(count));
             let mut off = [0.0; 3];
-            for other in self.joints.range(low..high) {
-                let d = joint.s - other.s;
+            let over = 2.0 / half;
+            for Near {
+                d,
+                is_corner,
+                turn,
+                bend,
+            } in near
+            {
                 if d.abs() < half {
-                    add_scaled(&mut off, other.turn, other.rounding_value(d, half));
-                    if other.sizes[1] > 0.0 {
-                        add_scaled(&mut off, other.bend, easing(d, half)[0]);
+                    let value = if *is_corner {
+                        swing(*d, half)[0]
+                    } else {
+                        rounding_value_over(*d, 0.5 * half, over)
+                    };
+                    add_scaled(&mut off, *turn, value);
+                    if let Some(bend) = bend {
+                        add_scaled(&mut off, *bend, easing(*d, half)[0]);
                     }
                 }
             }
             // An easing is 0 at its own joint, and largest beside it.
             length(off).max(joint.sizes[1] * EASING_PEAK * half * half) / tolerance
         };
-        let mut half = by_count;
+        // An even bend has its neighbour's reach.
+        let like = k.checked_sub(1).map_or(0.0, |before| 1.02 * found[before]);
+        let mut half = if like > 0.0 { like.min(by_count) } else { by_count };
+        if half <= 0.0 {
+            return 0.0;
+        }
         let mut load = off(half);
-        if half <= 0.0 || load <= 1.0 {
-            return half.max(0.0);
+        if load <= 1.0 && half < by_count {
+            half = by_count;
+            load = off(half);
+        }
+        if load <= 1.0 {
+            return half;
         }
         // What is off grows with the reach of one corner, and with the square of the reach over a bend.
-        let mut over = half;
+        let mut over = (half, load);
+        let mut finer = if half < by_count { NEARER } else { FINER };
         for _ in 0..40 {
-            over = half;
+            if load <= 1.0 {
+                break;
+            }
+            over = (half, load);
             let alone = joint.sizes[0] * joint.peak() * half / tolerance;
-            half *= FINER.min(if alone > 1.0 { 1.02 / alone } else { 1.0 }).max(0.9 / load);
+            half *= finer.min(if alone > 1.0 { 1.02 / alone } else { 1.0 }).max(0.9 / load);
             if half < 1e-9 {
                 return 0.0;
             }
             load = off(half);
-            if load <= 1.0 {
-                break;
-            }
+            finer = FINER;
         }
-        // The reach itself, not a step of the search: neighbours on an even bend have to reach evenly.
-        let (mut low, mut high) = (half, over);
-        for _ in 0..7 {
-            if high < 1.002 * low {
+        if load > 1.0 {
+            return 0.0;
+        }
+        // The reach itself, not a step of the search: neighbours on an even bend have to reach evenly, and a last digit of a coordinate must
+        // not make another curve. Between two reaches the load is about a power of the reach.
+        let mut within = (half, load);
+        let (mut low, mut high) = (libm::log(load.max(1e-9)), libm::log(over.1));
+        let mut last = None;
+        for _ in 0..12 {
+            if over.0 < within.0 * (1.0 + REACH_ERROR) || within.1 > 1.0 - REACH_ERROR {
                 break;
             }
-            let middle = (low * libm::sqrt(1.0 / load)).clamp(low + 0.1 * (high - low), high - 0.1 * (high - low));
+            let share = (-low / (high - low)).clamp(0.02, 0.98);
+            let middle = within.0 * libm::pow(over.0 / within.0, share);
             let there = off(middle);
+            let log = libm::log(there.max(1e-9));
+            // A side that stays twice counts half (Illinois), so that both close in.
             if there <= 1.0 {
-                (low, load) = (middle, there);
+                (within, low) = ((middle, there), log);
+                high *= if last == Some(true) { 0.5 } else { 1.0 };
             } else {
-                high = middle;
+                (over, high) = ((middle, there), log);
+                low *= if last == Some(false) { 0.5 } else { 1.0 };
             }
+            last = Some(there <= 1.0);
         }
-        low
+        within.0
     }
 
     /// What the joints around span `k` add at `s`, with these reaches.
@@ -357,6 +383,21 @@ impl Course {
         self.spans.partition_point(|span| span.start <= s).saturating_sub(1)
     }
 
+    /// Slowest feed between two lengths, mm/s.
+    pub(super) fn feed_between(&self, from: f64, to: f64, scale: f64) -> f64 {
+        let first = self.span_at(from);
+        let on_the_way = self
+            .spans
+            .range(first..)
+            .enumerate()
+            .take_while(|(k, span)| *k == 0 || span.start < to);
+        let feeds = on_the_way.map(|(_, span)| {
+            let (begin, end) = ((from - span.start).max(0.0), (to - span.start).min(span.length));
+            span.feed_between(begin.min(span.length), end, scale)
+        });
+        feeds.fold(f64::INFINITY, f64::min)
+    }
+
     /// A span by its index.
     pub(super) fn span(&self, k: usize) -> &Span {
         &self.spans[k]
@@ -364,25 +405,37 @@ impl Course {
 
     /// The curve at `s`, which lies in span `k`.
     pub(super) fn at(&self, k: usize, s: f64) -> Place {
+        self.sides(k, s).0
+    }
+
+    /// The curve at `s`, which lies in span `k`, and its third derivative just before: it steps where a support ends and where an arc does.
+    pub(super) fn sides(&self, k: usize, s: f64) -> (Place, V3) {
         let span = &self.spans[k];
         let mut place = span.at(s - span.start);
+        // What the third derivative just before is more than that behind.
+        let mut missing = match k.checked_sub(1).map(|k| &self.spans[k]) {
+            Some(last) if s <= span.start && !(last.is_line() && span.is_line()) => minus(last.at(last.length)[3], place[3]),
+            _ => [0.0; 3],
+        };
         let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(self.joints.len()));
         for joint in self.joints.range(low..high) {
             let d = s - joint.s;
-            if d.abs() < joint.half {
-                let jet = joint.rounding(d);
-                for (derivative, factor) in place.iter_mut().zip(jet) {
-                    add_scaled(derivative, joint.turn, factor);
-                }
+            if d.abs() < joint.half * (1.0 + HAIR) {
+                let most = joint.half * (1.0 - HAIR);
+                // On the end of its support it is on one side, whatever the last digit.
+                let (d, only) = match d {
+                    _ if d > most => (most, Some(Side::Before)),
+                    _ if d < -most => (-most, Some(Side::Behind)),
+                    _ => (d, None),
+                };
+                add_jet(&mut place, &mut missing, joint.rounding(d), joint.turn, only);
                 if joint.sizes[1] > 0.0 {
-                    let jet = easing(d, joint.half);
-                    for (derivative, factor) in place.iter_mut().zip(jet) {
-                        add_scaled(derivative, joint.bend, factor);
-                    }
+                    add_jet(&mut place, &mut missing, easing(d, joint.half), joint.bend, only);
                 }
             }
         }
-        place
+        add_scaled(&mut missing, place[3], 1.0);
+        (place, missing)
     }
 
     /// Shortest reach of the joints whose support holds `s`, and where the next support begins or ends.
@@ -391,14 +444,37 @@ impl Course {
         let (mut shortest, mut next) = (f64::INFINITY, f64::INFINITY);
         for joint in self.joints.range(low..high).filter(|j| j.half > 0.0) {
             let (begin, end) = (joint.s - joint.half, joint.s + joint.half);
-            if begin > s {
+            // A last digit does not tell two places apart.
+            let hair = 10.0 * HAIR * joint.half;
+            if begin > s + hair {
                 next = next.min(begin);
-            } else if end > s {
+            } else if end > s + hair {
                 shortest = shortest.min(joint.half);
                 next = next.min(end);
             }
         }
         (shortest, next)
+    }
+
+    /// Places between two lengths at which the third derivative steps: where the supports of corners and of steps of curvature end, and
+    /// where these turn.
+    pub(super) fn steps_between(&self, from: f64, to: f64) -> Vec<f64> {
+        let reach = self.farthest();
+        let low = self.joints.partition_point(|j| j.s < from - reach);
+        let mut places: Vec<f64> = vec![];
+        for joint in self.joints.range(low..).take_while(|j| j.s <= to + reach) {
+            let eased = joint.sizes[1] > 0.0;
+            if joint.half > 0.0 && (eased || joint.is_corner()) {
+                places.extend([joint.s - joint.half, joint.s, joint.s + joint.half]);
+                if eased {
+                    let turn = joint.half * (1.0 - TURNING);
+                    places.extend([joint.s - turn, joint.s + turn]);
+                }
+            }
+        }
+        places.retain(|s| *s > from && *s <= to);
+        places.sort_by(f64::total_cmp);
+        places
     }
 
     /// Forgets the spans that nothing from `s` on needs.
@@ -407,65 +483,6 @@ impl Course {
         self.spans.drain(..keep);
         self.joints.drain(..keep);
         self.settled -= keep;
-    }
-}
-
-impl Span {
-    /// Place and derivatives of the programmed path, `x` mm from the start of the span.
-    fn at(&self, x: f64) -> Place {
-        match &self.shape {
-            Shape::Line { from, along } => {
-                let mut place = *from;
-                add_scaled(&mut place, *along, x);
-                [place, *along, [0.0; 3], [0.0; 3]]
-            }
-            Shape::Round {
-                centre,
-                out,
-                side,
-                normal,
-                turn,
-                rise,
-            } => {
-                let (sin, cos) = libm::sincos(turn * x);
-                let round =
-                    |a: f64, b: f64, up: f64| -> V3 { std::array::from_fn(|k| out[k] * a + side[k] * b + normal[k] * up) };
-                let mut place = round(cos, sin, rise * x);
-                add_scaled(&mut place, *centre, 1.0);
-                let (w, w2) = (*turn, turn * turn);
-                [
-                    place,
-                    round(-w * sin, w * cos, *rise),
-                    round(-w2 * cos, -w2 * sin, 0.0),
-                    round(w2 * w * sin, -w2 * w * cos, 0.0),
-                ]
-            }
-        }
-    }
-
-    /// True for a line.
-    pub(super) fn is_line(&self) -> bool {
-        matches!(self.shape, Shape::Line { .. })
-    }
-
-    /// Lowest feed between two lengths from its start, mm/s.
-    pub(super) fn feed_between(&self, from: f64, to: f64) -> f64 {
-        if self.factors.is_empty() {
-            return self.feed;
-        }
-        let highest = self.factors.iter().map(|f| f.1).fold(0.0, f64::max);
-        crate::smooth::slowest_feed(&self.factors, self.feed, from / self.length, to / self.length)
-            .max(SLOWEST_SHARE * highest * self.feed)
-    }
-
-    /// Lengths from its start at which its feed changes its slope.
-    pub(super) fn feed_places(&self) -> impl Iterator<Item = f64> + '_ {
-        self.factors.iter().map(|f| f.0 * self.length)
-    }
-
-    /// True when the feed is the same all along it.
-    pub(super) fn has_one_feed(&self) -> bool {
-        self.factors.is_empty()
     }
 }
 

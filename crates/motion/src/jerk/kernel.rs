@@ -21,7 +21,8 @@ pub(super) const EASING_PLACE: f64 = 0.295_661;
 /// which one axis brakes and another one accelerates at the full jerk, which is the fastest way round.
 pub(super) fn rounding(d: f64, half: f64) -> Jet {
     let w = 0.5 * half;
-    let x = d.abs() / w;
+    let over = 1.0 / w;
+    let x = d.abs() * over;
     if x >= 2.0 {
         return [0.0; 4];
     }
@@ -29,17 +30,22 @@ pub(super) fn rounding(d: f64, half: f64) -> Jet {
     let (value, slope, second, third) = if x >= 1.0 {
         let y = 2.0 - x;
         let y2 = y * y;
-        (y2 * y2 * y / 120.0, y2 * y2 / 24.0, y2 * y / 6.0, -0.5 * y2)
+        (
+            y2 * y2 * y * (1.0 / 120.0),
+            y2 * y2 * (1.0 / 24.0),
+            y2 * y * (1.0 / 6.0),
+            -0.5 * y2,
+        )
     } else {
         let x2 = x * x;
         (
-            7.0 / 30.0 - 0.5 * x + x2 * (1.0 / 3.0) - x2 * x2 / 12.0 + x2 * x2 * x / 40.0,
-            0.5 - 2.0 / 3.0 * x + x2 * x / 3.0 - x2 * x2 / 8.0,
+            7.0 / 30.0 - 0.5 * x + x2 * (1.0 / 3.0) - x2 * x2 * (1.0 / 12.0) + x2 * x2 * x * (1.0 / 40.0),
+            0.5 - 2.0 / 3.0 * x + x2 * x * (1.0 / 3.0) - x2 * x2 * 0.125,
             2.0 / 3.0 - x2 + 0.5 * x2 * x,
             -2.0 * x + 1.5 * x2,
         )
     };
-    [value * w, -side * slope, second / w, side * third / (w * w)]
+    [value * w, -side * slope, second * over, side * third * (over * over)]
 }
 
 /// Largest value of a swing, as a share of its half width.
@@ -70,23 +76,28 @@ pub(super) fn swing(d: f64, half: f64) -> Jet {
 
 /// The value of a rounding alone.
 pub(super) fn rounding_value(d: f64, half: f64) -> f64 {
-    let w = 0.5 * half;
-    let x = d.abs() / w;
+    rounding_value_over(d, 0.5 * half, 2.0 / half)
+}
+
+/// The same, for half the half width and one over that.
+#[inline(always)]
+pub(super) fn rounding_value_over(d: f64, w: f64, over: f64) -> f64 {
+    let x = d.abs() * over;
     if x >= 2.0 {
         return 0.0;
     }
     if x >= 1.0 {
         let y = 2.0 - x;
         let y2 = y * y;
-        y2 * y2 * y * w / 120.0
+        y2 * y2 * y * w * (1.0 / 120.0)
     } else {
         let x2 = x * x;
-        w * (7.0 / 30.0 - 0.5 * x + x2 * (1.0 / 3.0) - x2 * x2 / 12.0 + x2 * x2 * x / 40.0)
+        w * (7.0 / 30.0 - 0.5 * x + x2 * (1.0 / 3.0) - x2 * x2 * (1.0 / 12.0) + x2 * x2 * x * (1.0 / 40.0))
     }
 }
 
 /// Where the third derivative of an easing changes its sign, from the edge: 1 - 2^(-1/3), so that its value is 0 at the joint.
-const TURNING: f64 = 0.2062994740159002;
+pub(super) const TURNING: f64 = 0.2062994740159002;
 /// Its third derivative: 1 / (2 - 4 TURNING), so that its second derivative steps by 1.
 const THIRD: f64 = 0.8512071919596574;
 

@@ -16,7 +16,10 @@
 mod chords;
 mod course;
 mod kernel;
+mod limits;
+mod matrix;
 mod solver;
+mod span;
 mod stretch;
 mod vector;
 
@@ -54,6 +57,11 @@ pub(crate) struct JerkPlanner {
     path_length: f64,
     position: [f64; 3],
     deviation: f64,
+    feed_scale: f64,
+    /// How many times finer than usual the grid is.
+    pub(crate) fineness: f64,
+    /// What the set-point at hand was planned for.
+    planned_override: f64,
 }
 
 impl JerkPlanner {
@@ -71,6 +79,9 @@ impl JerkPlanner {
             path_length: 0.0,
             position,
             deviation: 0.0,
+            feed_scale: 1.0,
+            fineness: 1.0,
+            planned_override: 1.0,
         }
     }
 
@@ -94,7 +105,7 @@ impl JerkPlanner {
         if !passable {
             self.finish();
             self.legs.push_back(Leg {
-                stretch: Stretch::new(&self.limits, self.j_max),
+                stretch: Stretch::new(&self.limits, self.j_max, self.feed_scale, self.fineness),
                 marks: VecDeque::new(),
                 end: [0.0; 3],
                 last_step: piece.step,
@@ -105,6 +116,14 @@ impl JerkPlanner {
         leg.end = piece.path.end().xyz;
         leg.last_step = piece.step;
         self.last = Some(piece);
+    }
+
+    /// Programmed feeds are multiplied by `scale` from where the sampler is on, as far as the motion at hand allows.
+    pub(crate) fn set_feed_scale(&mut self, scale: f64) {
+        self.feed_scale = scale;
+        for leg in &mut self.legs {
+            leg.stretch.replan(scale);
+        }
     }
 
     /// Something stands here that is no motion.
@@ -168,6 +187,7 @@ impl JerkPlanner {
             let ([position, q1, q2, _], step) = leg.stretch.place(s);
             let velocity: [f64; 3] = std::array::from_fn(|k| q1[k] * speed);
             let acceleration = std::array::from_fn(|k| q2[k] * speed * speed + q1[k] * change);
+            self.planned_override = phase.feed_scale;
             return Some(Planned::SetPoint(self.set_point(position, velocity, acceleration, step)));
         }
     }
@@ -191,6 +211,7 @@ impl JerkPlanner {
             step,
             path_length: self.path_length,
             path_speed: vector::length(velocity),
+            planned_override: self.planned_override,
             ..SetPoint::default()
         }
     }

@@ -4,603 +4,528 @@
 //! has the speed q'_k sqrt(b), the acceleration q''_k b + q'_k g, and the jerk (q'''_k b + 3 q''_k g + q'_k h) sqrt(b) (Verscheure and
 //! others 2009; for the jerk Debrouwere and others 2013). The time, the integral of b^(-1/2), is convex in b; only the factor sqrt(b) of the
 //! jerk is not, and it is made linear at each step: |q''' b + ...| <= j b^(-1/2), whose right side is convex, so that its tangent is on the
-//! safe side.
+//! safe side: the length of a step that keeps every limit follows from the tangents, and is not searched for.
 //!
-//! The solution goes through the interior: Newton's method on the time and a logarithmic barrier that shrinks. Every step keeps what was
-//! kept before, so that the search can end at any step; the matrix has five diagonals, so that a step costs the same for each interval.
+//! The solution goes through the interior: Newton's method on the time and a logarithmic barrier that shrinks, with the multipliers of the
+//! limits kept beside the values. Every step keeps what was kept before, so that the search can end at any step; the matrix has five
+//! diagonals ([`Matrix`]), so that a step costs the same for each interval.
 //!
 //! At a rest the speed begins as s^(2/3), which no polynomial is: the first and the last interval of a stretch have a constant jerk of s.
 
-/// Rows of one border of the grid: what the axes' limits are, as multiples of (b, g) and of (b, g, h).
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Border {
-    /// Largest b.
-    pub(super) cap: f64,
-    /// q'' and q' of each axis over its acceleration limit.
-    pub(super) acceleration: [[f64; 2]; 3],
-    /// q''', 3 q'' and q' of each axis over its jerk limit.
-    pub(super) jerk: [[f64; 3]; 3],
-}
-
-/// An interval of the grid.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Interval {
-    /// Its width, mm.
-    pub(super) width: f64,
-    /// Largest b in it.
-    pub(super) cap: f64,
-    /// Its coefficient of b: first a guess, then the solution.
-    pub(super) value: f64,
-    /// How much less than the limits it may take, 1 or less: what lies between two borders is made up by it.
-    pub(super) share: f64,
-}
-
-/// How the window begins.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Begin {
-    /// At rest.
-    Rest,
-    /// The first two intervals are given: they determine speed and acceleration at the second border.
-    Moving,
-}
-
-/// b, g and h of an interval at its first border, or of the last border.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Motion {
-    pub(super) b: f64,
-    pub(super) g: f64,
-}
-
-/// Ratio of the first two coefficients where b begins as s^(4/3) over an interval of width `first`.
-fn tie(first: f64, second: f64) -> f64 {
-    1.0 / (3.0 + 2.0 * second / first)
-}
+use super::limits::{Begin, Border, Motion, Window, tie};
+use super::matrix::{Local, Maps, Matrix};
 
 /// Largest number of Newton steps; a window takes some twenty.
-const MOST_STEPS: usize = 80;
+const MOST_STEPS: usize = 160;
 
-/// The barrier at the start and at the end, as a share of the mean time of an interval.
-const BARRIER_FIRST: f64 = 0.1;
-const BARRIER_LAST: f64 = 2e-4;
+/// Share of itself that a limit has as room at first where the guess exceeds it.
+const SLACK: f64 = 0.1;
 
-/// A limit that the guess exceeds begins this much above it and comes down with it.
-const SLACK: f64 = 1.15;
+/// Share of the way to the nearest limit that a step goes at most.
+const NEAR: f64 = 0.97;
 
-/// What is measured of a guess against its limits.
-#[derive(Clone, Copy, Debug, Default)]
-struct Loads {
-    /// b at the border and in the interval behind it against their caps.
-    cap: [f64; 2],
-    acceleration: f64,
-    /// At both ends of the interval behind the border.
-    jerk: [f64; 2],
+/// Short steps after which a search from above the limits is given up.
+const STALLED: u32 = 4;
+
+/// One number for each limit at a border and in the interval behind it: two caps, then the three axes' acceleration upwards and downwards,
+/// then their jerk at the first and at the second end of the interval, each upwards and downwards.
+type Each = [f64; 20];
+const ACCELERATION: usize = 2;
+const JERK: [usize; 2] = [8, 14];
+
+/// What a search needs beside the window; kept from one to the next, so that a search can go on where it ended.
+#[derive(Debug, Default)]
+pub(super) struct Search {
+    motions: Vec<Motion>,
+    /// b^(-1/2) at each border.
+    roots: Vec<f64>,
+    /// One over the room that each limit leaves, and its multiplier.
+    over: Vec<Each>,
+    prices: Vec<Each>,
+    /// How each room grows with the step at hand.
+    growth: Vec<Each>,
+    /// What is missing of the rooms that limits are given which are exceeded: 0 or less.
+    missing: Vec<Each>,
+    feasible: bool,
+    step: Vec<f64>,
+    matrix: Matrix,
+    /// The largest share of itself that a value loses with the step at hand.
+    positive: f64,
+    /// Axes that move at all.
+    axes: Vec<usize>,
+    /// Newton steps made in all.
+    pub(super) steps: u64,
 }
 
-impl Loads {
-    fn map2(self, other: Loads, f: impl Fn(f64, f64) -> f64) -> Loads {
-        Loads {
-            cap: [f(self.cap[0], other.cap[0]), f(self.cap[1], other.cap[1])],
-            acceleration: f(self.acceleration, other.acceleration),
-            jerk: [f(self.jerk[0], other.jerk[0]), f(self.jerk[1], other.jerk[1])],
-        }
-    }
-    fn worst(&self) -> f64 {
-        let [a, b] = self.cap;
-        let [c, d] = self.jerk;
-        a.max(b).max(c).max(d).max(self.acceleration)
-    }
-    fn all(self, f: impl Fn(f64) -> bool) -> bool {
-        f(self.cap[0]) && f(self.cap[1]) && f(self.acceleration) && f(self.jerk[0]) && f(self.jerk[1])
-    }
+/// Where a search begins and ends: the barrier as a share of the mean time of an interval, and what is kept of the last search.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Again {
+    pub(super) first: f64,
+    pub(super) last: f64,
+    /// Share of itself that a limit has as room at first where the guess exceeds it.
+    pub(super) slack: f64,
+    /// The multipliers are those of the search before.
+    pub(super) kept: bool,
 }
 
-const ONE: Loads = Loads {
-    cap: [1.0; 2],
-    acceleration: 1.0,
-    jerk: [1.0; 2],
+/// From a guess far below the limits.
+pub(super) const COLD: Again = Again {
+    first: 0.1,
+    last: 2e-4,
+    slack: SLACK,
+    kept: false,
 };
 
-/// Multipliers of the limits at a border and in the interval behind it, each for both signs.
-#[derive(Clone, Copy, Debug, Default)]
-struct Prices {
-    cap: [f64; 2],
-    acceleration: [[f64; 2]; 3],
-    jerk: [[[f64; 2]; 3]; 2],
+impl Again {
+    /// From a solution whose limits have become a little less.
+    pub(super) const ROUND: Again = Again {
+        first: 4e-3,
+        last: 2e-4,
+        slack: 0.003,
+        kept: true,
+    };
+    /// From a little below a solution.
+    pub(super) const BELOW: Again = Again {
+        first: 1e-2,
+        last: 2e-4,
+        slack: 0.01,
+        kept: false,
+    };
 }
 
-/// A window being solved.
-pub(super) struct Window<'a> {
-    /// n + 1 of them.
-    pub(super) borders: &'a [Border],
-    /// n of them, at least 4.
-    pub(super) intervals: &'a mut [Interval],
-    pub(super) begin: Begin,
-}
-
-impl Window<'_> {
-    fn count(&self) -> usize {
-        self.intervals.len()
-    }
-
-    /// b and g at border `i`, 1 to n - 1.
-    pub(super) fn motion(&self, i: usize) -> Motion {
-        let (a, c) = (&self.intervals[i - 1], &self.intervals[i]);
-        let sum = a.width + c.width;
-        Motion {
-            b: (c.width * a.value + a.width * c.value) / sum,
-            g: (c.value - a.value) / sum,
-        }
-    }
-
-    fn tie_ends(&mut self) {
-        let n = self.count();
-        if self.begin == Begin::Rest {
-            self.intervals[0].value = tie(self.intervals[0].width, self.intervals[1].width) * self.intervals[1].value;
-        }
-        self.intervals[n - 1].value = tie(self.intervals[n - 1].width, self.intervals[n - 2].width) * self.intervals[n - 2].value;
-    }
-
-    /// How much of each limit is used at each border and in the interval behind it.
-    fn loads(&self, loads: &mut Vec<Loads>) {
-        let n = self.count();
-        loads.clear();
-        loads.push(Loads::default());
-        let mut here = self.motion(1);
-        for i in 1..n {
-            let border = &self.borders[i];
-            let interval = &self.intervals[i];
-            let mut load = Loads {
-                cap: [here.b / border.cap, interval.value / interval.cap],
-                ..Loads::default()
-            };
-            for row in &border.acceleration {
-                load.acceleration = load.acceleration.max((row[0] * here.b + row[1] * here.g).abs());
+impl Search {
+    /// Makes the intervals' values the fastest ones within the limits, from the guess in them; `false` if a limit is still exceeded.
+    ///
+    /// Where the guess exceeds a limit, the limit is given a room that it does not have, and each step takes as much of the difference away
+    /// as it has length.
+    pub(super) fn run(&mut self, window: &mut Window<'_>, again: Again) -> bool {
+        let n = window.count();
+        self.begin(window, again.slack);
+        let mut time = self.time(window);
+        let mut barrier_share = again.first;
+        let (mut fresh, mut growing) = (!again.kept, true);
+        let (mut full, mut stalled) = (0, 0);
+        for _ in 0..MOST_STEPS {
+            let unit = time / n as f64;
+            self.price(barrier_share * unit, fresh);
+            self.assemble(window, barrier_share * unit);
+            self.fold(window);
+            self.matrix.solve();
+            if !fresh && barrier_share > again.last {
+                // How far the step without a barrier would get says how much of it is still needed.
+                self.direct(window, 0.0);
+                let (along, prices) = self.room(0.0);
+                let short = 1.0 - along.min(prices).min(1.0);
+                let product = self.product() / unit;
+                barrier_share = (product * short * short * short)
+                    .clamp(0.05 * barrier_share, barrier_share)
+                    .max(again.last);
             }
-            load.acceleration /= interval.share;
-            if i + 1 < n {
-                let next = self.motion(i + 1);
-                let h = (next.g - here.g) / interval.width;
-                for (k, motion) in [here, next].into_iter().enumerate() {
-                    let mut jerk = 0.0f64;
-                    for row in &self.borders[i + k].jerk {
-                        jerk = jerk.max((row[0] * motion.b + row[1] * motion.g + row[2] * h).abs());
-                    }
-                    load.jerk[k] = jerk * libm::sqrt(motion.b.max(0.0)) / interval.share;
-                }
-                here = next;
-            }
-            loads.push(load);
-        }
-    }
-
-    /// Largest load from interval `from` on.
-    pub(super) fn worst_from(&mut self, from: usize) -> f64 {
-        self.tie_ends();
-        let mut loads = vec![];
-        self.loads(&mut loads);
-        loads[from..].iter().map(Loads::worst).fold(0.0, f64::max)
-    }
-
-    /// Makes the intervals' values the fastest ones within the limits, from the guess in them.
-    pub(super) fn solve(&mut self) {
-        let n = self.count();
-        self.tie_ends();
-        let (mut loads, mut relaxed, mut matrix) = (Vec::with_capacity(n), vec![ONE; n], Matrix::new(n));
-        self.loads(&mut loads);
-        for (limit, load) in relaxed.iter_mut().zip(&loads) {
-            *limit = load.map2(ONE, |l, one| if l < 0.9999 * one { one } else { l * SLACK });
-        }
-        let time = |w: &Self| -> f64 {
-            (1..n)
-                .map(|i| w.intervals[i].width / libm::sqrt(w.motion(i).b.max(1e-300)))
-                .sum()
-        };
-        let mut share_of_time = BARRIER_FIRST;
-        let mut last_time = time(self);
-        let mut prices = vec![Prices::default(); n];
-        let mut before: Vec<f64> = vec![0.0; n];
-        let mut steps = 0;
-        let (mut fresh, mut growing) = (true, true);
-        loop {
-            let barrier = share_of_time * last_time / n as f64;
-            self.price(&mut prices, &relaxed, barrier, fresh);
-            self.assemble(barrier, &relaxed, &prices, &mut matrix);
-            self.fold(&mut matrix);
-            matrix.solve();
-            if self.begin == Begin::Rest {
-                matrix.gradient[0] = tie(self.intervals[0].width, self.intervals[1].width) * matrix.gradient[1];
-            }
-            matrix.gradient[n - 1] = tie(self.intervals[n - 1].width, self.intervals[n - 2].width) * matrix.gradient[n - 2];
-            self.follow(&mut prices, &relaxed, barrier, &matrix.gradient);
-            for (b, interval) in before.iter_mut().zip(self.intervals.iter()) {
-                *b = interval.value;
-            }
+            let barrier = barrier_share * unit;
+            self.direct(window, barrier);
+            let (along, prices) = self.room(barrier);
             // Far below the limits Newton's step is too small by a factor.
-            let mut share = if growing { 16.0 } else { 1.0 };
-            let mut moved = false;
-            for _ in 0..40 {
-                let fits = (0..n).all(|i| {
-                    self.intervals[i].value = before[i] - share * matrix.gradient[i];
-                    self.intervals[i].value > 0.02 * before[i]
-                });
-                if fits {
-                    self.tie_ends();
-                    self.loads(&mut loads);
-                    if loads
-                        .iter()
-                        .zip(&relaxed)
-                        .all(|(load, limit)| load.map2(*limit, |l, r| l / r).all(|l| l < 1.0 - 1e-7))
-                    {
-                        moved = true;
-                        break;
-                    }
+            let share = along.min(if growing && self.feasible { 8.0 } else { 1.0 });
+            for (interval, step) in window.intervals.iter_mut().zip(&self.step) {
+                interval.value += share * step;
+            }
+            window.tie_ends();
+            self.move_prices(barrier, prices.min(1.0));
+            if self.feasible {
+                self.measure(window);
+            } else {
+                self.approach(window, share);
+                stalled += u32::from(share < 0.1);
+                if stalled > STALLED && !self.feasible {
+                    return false;
                 }
-                share *= if share > 1.0 { 0.5 } else { 0.8 };
             }
-            if !moved {
-                for (interval, b) in self.intervals.iter_mut().zip(&before) {
-                    interval.value = *b;
-                }
-                self.loads(&mut loads);
-            }
-            steps += 1;
-            let mut infeasible = false;
-            for (limit, load) in relaxed.iter_mut().zip(&loads) {
-                *limit = limit.map2(*load, |r, l| if r > 1.0 { (l + 0.3 * (r - l)).max(1.0) } else { 1.0 });
-                infeasible |= !limit.all(|r| r <= 1.0);
-            }
-            let now = time(self);
-            fresh = fresh && now < 0.8 * last_time;
-            let settled = now > 0.97 * last_time;
-            growing = share >= 0.8 && now < 0.94 * last_time;
-            last_time = now;
-            let done = share_of_time <= BARRIER_LAST && !infeasible && share >= 0.7;
-            if done || steps >= MOST_STEPS || (!moved && share_of_time <= BARRIER_LAST) {
+            let now = self.time(window);
+            fresh = !again.kept && share >= 0.6 && now < 0.85 * time;
+            growing = share >= 0.8 && now < 0.94 * time;
+            let settled = (now - time).abs() < 1e-7 * now;
+            time = now;
+            self.steps += 1;
+            full = if share >= 0.9 && barrier_share <= again.last {
+                full + 1
+            } else {
+                0
+            };
+            if self.feasible && (full >= 8 || (full >= 1 && settled)) {
                 break;
             }
-            if !fresh && !infeasible {
-                let fall = match share {
-                    s if s >= 0.8 && settled => 0.3,
-                    s if s >= 0.4 && settled => 0.6,
-                    _ => 1.0,
-                };
-                share_of_time = (share_of_time * fall).max(BARRIER_LAST);
+        }
+        self.feasible
+    }
+
+    fn begin(&mut self, window: &mut Window<'_>, slack: f64) {
+        let n = window.count();
+        window.tie_ends();
+        self.prices.resize(n, [1.0; 20]);
+        self.over.resize(n, [1.0; 20]);
+        self.growth.resize(n, [0.0; 20]);
+        self.step.resize(n, 0.0);
+        self.motions.resize(n, Motion::default());
+        self.roots.resize(n, 1.0);
+        self.axes.clear();
+        let moves = |k: &usize| {
+            let rows = |b: &Border| b.jerk[*k] != [0.0; 3] || b.acceleration[*k] != [0.0; 2] || b.third_before[*k] != 0.0;
+            window.borders.iter().any(rows)
+        };
+        self.axes.extend((0..3).filter(moves));
+        // Of the axes that stand still, and behind the last border.
+        self.over.iter_mut().for_each(|over| *over = [1.0; 20]);
+        self.measure(window);
+        // What is exceeded gets a room.
+        let mut feasible = true;
+        self.missing.clear();
+        self.missing.resize(n, [0.0; 20]);
+        for i in 1..n {
+            let whole = self.whole(window, i);
+            let (over, missing) = (&mut self.over[i], &mut self.missing[i]);
+            for at in 0..20 {
+                let (room, least) = (1.0 / over[at], slack * whole[at]);
+                if !(room > 1e-7 * whole[at] && room.is_finite()) {
+                    over[at] = 1.0 / least;
+                    missing[at] = room - least;
+                    feasible = false;
+                }
+            }
+        }
+        self.feasible = feasible;
+    }
+
+    /// What the rooms at border `i` are parts of.
+    fn whole(&self, window: &Window<'_>, i: usize) -> Each {
+        let mut whole = [1.0; 20];
+        whole[0] = window.borders[i].cap;
+        whole[1] = window.intervals[i].cap;
+        for (end, at) in JERK.into_iter().enumerate() {
+            let root = self.roots.get(i + end).copied().unwrap_or(1.0);
+            whole[at..at + 6].fill(root);
+        }
+        whole
+    }
+
+    /// Looks at the rooms behind a step of this length: what was missing is less by as much.
+    fn approach(&mut self, window: &Window<'_>, share: f64) {
+        let n = window.count();
+        let before = self.over.clone();
+        self.measure(window);
+        self.feasible = true;
+        for i in 1..n {
+            let whole = self.whole(window, i);
+            for at in 0..20 {
+                let room = 1.0 / self.over[i][at];
+                let given = 1.0 / before[i][at] + share * self.growth[i][at];
+                let missing = &mut self.missing[i][at];
+                *missing = 0.0;
+                if room < given * (1.0 - 1e-6) && (room < 1e-7 * whole[at] || before[i][at] * room < 0.03) {
+                    *missing = room - given;
+                    self.over[i][at] = 1.0 / given;
+                    self.feasible = false;
+                }
+            }
+        }
+    }
+
+    /// The mean of multiplier times room.
+    fn product(&self) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (prices, over) in self.prices.iter().zip(&self.over).skip(1) {
+            for at in [0, 1]
+                .into_iter()
+                .chain(self.axes.iter().flat_map(|k| [2, 5, 8, 11, 14, 17].map(|a| a + k)))
+            {
+                sum += prices[at] / over[at];
+                count += 1.0;
+            }
+        }
+        sum / count
+    }
+
+    fn time(&self, window: &Window<'_>) -> f64 {
+        window
+            .intervals
+            .iter()
+            .zip(&self.roots)
+            .skip(1)
+            .map(|(i, root)| i.width * root)
+            .sum()
+    }
+
+    /// Looks at the room that the values leave.
+    fn measure(&mut self, window: &Window<'_>) {
+        let n = window.count();
+        for i in 1..n {
+            let motion = window.motion(i);
+            self.motions[i] = motion;
+            self.roots[i] = 1.0 / libm::sqrt(motion.b.max(1e-300));
+        }
+        for i in 1..n {
+            let (border, interval) = (&window.borders[i], &window.intervals[i]);
+            let here = self.motions[i];
+            let over = &mut self.over[i];
+            over[0] = 1.0 / (border.cap - here.b);
+            over[1] = 1.0 / (interval.cap - interval.value);
+            let most = interval.share;
+            for k in &self.axes {
+                let row = border.acceleration[*k];
+                let load = row[0] * here.b + row[1] * here.g;
+                let (up, down) = (most - load, most + load);
+                let both = most / (up * down);
+                over[ACCELERATION + k] = down * both;
+                over[ACCELERATION + 3 + k] = up * both;
+            }
+            if i + 1 < n {
+                let next = self.motions[i + 1];
+                let h = (next.g - here.g) / interval.width;
+                for (end, motion) in [here, next].into_iter().enumerate() {
+                    let root = self.roots[i + end];
+                    let most = interval.share;
+                    let root = root * most;
+                    for k in &self.axes {
+                        let row = window.borders[i + end].jerk_row(end, *k);
+                        let load = row[0] * motion.b + row[1] * motion.g + row[2] * h;
+                        let (up, down) = (root - load, root + load);
+                        let both = most / (up * down);
+                        over[JERK[end] + k] = down * both;
+                        over[JERK[end] + 3 + k] = up * both;
+                    }
+                }
             }
         }
     }
 
     /// Keeps multipliers in sight of what the barrier makes of them; `fresh` ones are that.
-    fn price(&self, prices: &mut [Prices], relaxed: &[Loads], barrier: f64, fresh: bool) {
-        self.walk(relaxed, None, |i, at, room, _| {
-            let price = price_of(&mut prices[i], at);
-            let middle = barrier / room;
-            *price = if fresh {
-                middle
-            } else {
-                price.clamp(middle * 1e-3, middle * 1e3)
-            };
-        });
-    }
-
-    /// Moves the multipliers along with a step of the values; gives the share of their own step that was made.
-    fn follow(&self, prices: &mut [Prices], relaxed: &[Loads], barrier: f64, gradient: &[f64]) -> f64 {
-        let mut share = 1.0f64;
-        let mut change = vec![Prices::default(); prices.len()];
-        self.walk(relaxed, Some(gradient), |i, at, room, growth| {
-            let price = *price_of(&mut prices[i], at);
-            let delta = barrier / room - price - price / room * growth;
-            *price_of(&mut change[i], at) = delta;
-            if delta < 0.0 {
-                share = share.min(-0.99 * price / delta);
-            }
-        });
-        self.walk(relaxed, None, |i, at, _, _| {
-            let delta = *price_of(&mut change[i], at);
-            *price_of(&mut prices[i], at) += share * delta;
-        });
-        share
-    }
-
-    /// Calls back for each limit with its room, and how that grows with the step that `gradient` is the negative of.
-    fn walk(&self, relaxed: &[Loads], gradient: Option<&[f64]>, mut each: impl FnMut(usize, At, f64, f64)) {
-        let n = self.count();
-        let step = |i: usize| gradient.map_or(0.0, |g| -g[i]);
-        let step_motion = |i: usize| {
-            let (a, c) = (self.intervals[i - 1].width, self.intervals[i].width);
-            let (x, y) = (step(i - 1), step(i));
-            Motion {
-                b: (c * x + a * y) / (a + c),
-                g: (y - x) / (a + c),
-            }
-        };
-        let (mut here, mut moved) = (self.motion(1), step_motion(1));
-        for i in 1..n {
-            let (border, interval, limit) = (&self.borders[i], &self.intervals[i], &relaxed[i]);
-            each(i, At::Cap(0), border.cap * limit.cap[0] - here.b, -moved.b);
-            each(i, At::Cap(1), interval.cap * limit.cap[1] - interval.value, -step(i));
-            let scale = 1.0 / (interval.share * limit.acceleration);
-            for (k, row) in border.acceleration.iter().enumerate() {
-                let load = (row[0] * here.b + row[1] * here.g) * scale;
-                let change = (row[0] * moved.b + row[1] * moved.g) * scale;
-                each(i, At::Acceleration(k, 0), 1.0 - load, -change);
-                each(i, At::Acceleration(k, 1), 1.0 + load, change);
-            }
-            if i + 1 < n {
-                let (next, next_moved) = (self.motion(i + 1), step_motion(i + 1));
-                let over = 1.0 / interval.width;
-                let (h, h_moved) = ((next.g - here.g) * over, (next_moved.g - moved.g) * over);
-                for (end, (motion, moved)) in [(here, moved), (next, next_moved)].into_iter().enumerate() {
-                    let root = 1.0 / libm::sqrt(motion.b);
-                    let fall = -0.5 * root / motion.b * moved.b;
-                    let scale = 1.0 / (interval.share * limit.jerk[end]);
-                    for (k, row) in self.borders[i + end].jerk.iter().enumerate() {
-                        let load = (row[0] * motion.b + row[1] * motion.g + row[2] * h) * scale;
-                        let change = (row[0] * moved.b + row[1] * moved.g + row[2] * h_moved) * scale;
-                        each(i, At::Jerk(end, k, 0), root - load, fall - change);
-                        each(i, At::Jerk(end, k, 1), root + load, fall + change);
-                    }
-                }
-                (here, moved) = (next, next_moved);
+    fn price(&mut self, barrier: f64, fresh: bool) {
+        for (prices, over) in self.prices.iter_mut().zip(&self.over).skip(1) {
+            for (price, over) in prices.iter_mut().zip(over) {
+                let middle = barrier * over;
+                *price = if fresh {
+                    middle
+                } else {
+                    price.max(middle * 1e-3).min(middle * 1e3)
+                };
             }
         }
     }
 
-    /// Gradient and matrix of time and barrier.
-    fn assemble(&self, barrier: f64, relaxed: &[Loads], prices: &[Prices], matrix: &mut Matrix) {
-        let n = self.count();
-        matrix.clear();
-        let sum = |i: usize| 1.0 / (self.intervals[i - 1].width + self.intervals[i].width);
-        let mut here = self.motion(1);
-        let mut e = sum(1);
-        // Of the terms in b, g and h at a border: gradient and matrix.
-        let mut carried = Local::default();
+    /// Gradients and matrix of time and barrier.
+    fn assemble(&mut self, window: &Window<'_>, barrier: f64) {
+        let n = window.count();
+        self.matrix.clear(n);
+        let axes = &self.axes[..];
+        let mut e = 1.0 / (window.intervals[0].width + window.intervals[1].width);
         for i in 1..n {
-            let (a, interval) = (&self.intervals[i - 1], &self.intervals[i]);
-            let border = &self.borders[i];
-            let mut local = carried;
+            let (a, interval) = (&window.intervals[i - 1], &window.intervals[i]);
+            let (border, over, prices, missing) = (&window.borders[i], &self.over[i], &self.prices[i], &self.missing[i]);
+            let root = self.roots[i];
+            let mut local = Local::default();
             // The time. An interval with constant jerk takes 3 width / speed.
-            let rest_before = if i == 1 && self.begin == Begin::Rest { 3.0 } else { 0.5 };
+            let rest_before = if i == 1 && window.begin == Begin::Rest { 3.0 } else { 0.5 };
             let rest_behind = if i == n - 1 { 3.0 } else { 0.5 };
             let weight = rest_before * a.width + rest_behind * interval.width;
-            let slow = 1.0 / (here.b * libm::sqrt(here.b));
-            local.gradient[0] -= 0.5 * weight * slow;
-            local.matrix[0] += 0.75 * weight * slow / here.b;
-            // Speed.
-            let cap = border.cap * relaxed[i].cap[0];
-            let free = 1.0 / (cap - here.b);
-            local.gradient[0] += barrier * free;
-            local.matrix[0] += prices[i].cap[0] * free;
-            // Acceleration.
-            let scale = 1.0 / (interval.share * relaxed[i].acceleration);
-            for (row, price) in border.acceleration.iter().zip(&prices[i].acceleration) {
+            let over_b = root * root;
+            let slow = root * over_b;
+            local.time[0] = -0.5 * weight * slow;
+            local.gradient[0] = over[0];
+            local.matrix[0] = 0.75 * weight * slow * over_b + prices[0] * over[0];
+            let scale = 1.0 / interval.share;
+            for k in axes {
+                let row = border.acceleration[*k];
                 let (x, y) = (row[0] * scale, row[1] * scale);
-                let load = x * here.b + y * here.g;
-                let (p, m) = (1.0 / (1.0 - load), 1.0 / (1.0 + load));
-                let first = barrier * (p - m);
-                let second = price[0] * p + price[1] * m;
+                let (p, m) = (over[ACCELERATION + k], over[ACCELERATION + 3 + k]);
+                let first = p - m;
+                let second = prices[ACCELERATION + k] * p + prices[ACCELERATION + 3 + k] * m;
                 local.gradient[0] += first * x;
                 local.gradient[1] += first * y;
+                if !self.feasible {
+                    let (up, down) = (ACCELERATION + k, ACCELERATION + 3 + k);
+                    let push = missing[down] * prices[down] * m - missing[up] * prices[up] * p;
+                    local.time[0] += push * x;
+                    local.time[1] += push * y;
+                }
                 local.matrix[0] += second * x * x;
                 local.matrix[1] += second * x * y;
                 local.matrix[3] += second * y * y;
             }
+            if !self.feasible {
+                local.time[0] -= missing[0] * prices[0] * over[0];
+                self.matrix.right[i][0] -= missing[1] * prices[1] * over[1];
+            }
+            // The coefficient itself.
+            let value = 1.0 / interval.value;
+            self.matrix.right[i][1] += over[1] - 0.01 * value;
+            self.matrix.diagonal[i] += prices[1] * over[1] + barrier * 0.01 * value * value;
             // What the coefficients make of b and g here.
             let p = interval.width * e;
-            let to_b = [p, 1.0 - p, 0.0];
-            let to_g = [-e, e, 0.0];
-            // The coefficient itself.
-            let cap = interval.cap * relaxed[i].cap[1];
-            let free = 1.0 / (cap - interval.value);
-            matrix.gradient[i] += barrier * (free - 0.01 / interval.value);
-            matrix.diagonal[i] += prices[i].cap[1] * free + barrier * 0.01 / (interval.value * interval.value);
-            carried = Local::default();
             if i + 1 < n {
-                let next = self.motion(i + 1);
-                let next_e = sum(i + 1);
-                let h = (next.g - here.g) / interval.width;
-                let over = 1.0 / interval.width;
-                let to_h = [e * over, -(e + next_e) * over, next_e * over];
-                local.jerk(
-                    here,
+                let next_e = 1.0 / (interval.width + window.intervals[i + 1].width);
+                let over_width = 1.0 / interval.width;
+                let h = [e * over_width, -(e + next_e) * over_width, next_e * over_width];
+                let maps = Maps {
+                    b: [p, 1.0 - p, 0.0],
+                    g: [-e, e, 0.0],
                     h,
-                    &border.jerk,
-                    barrier,
-                    &prices[i].jerk[0],
-                    interval.share * relaxed[i].jerk[0],
-                );
-                matrix.add(i - 1, &local, &[to_b, to_g, to_h]);
+                };
+                let jerk = |local: &mut Local, end: usize| {
+                    let fall = -0.5 * self.roots[i + end] * self.roots[i + end] * self.roots[i + end];
+                    let over_b = self.roots[i + end] * self.roots[i + end];
+                    let scale = 1.0 / interval.share;
+                    let at = JERK[end];
+                    for k in axes {
+                        let row = window.borders[i + end].jerk_row(end, *k);
+                        let (x, y, z) = (row[0] * scale, row[1] * scale, row[2] * scale);
+                        let (p, m) = (over[at + k], over[at + 3 + k]);
+                        let along = p - m;
+                        let (pp, mm) = (prices[at + k] * p, prices[at + 3 + k] * m);
+                        let both = pp + mm;
+                        let mixed = (mm - pp) * fall;
+                        local.gradient[0] += along * x - (p + m) * fall - over_b;
+                        local.gradient[1] += along * y;
+                        local.gradient[2] += along * z;
+                        if !self.feasible {
+                            let (pushed, pulled) = (-missing[at + k] * pp, -missing[at + 3 + k] * mm);
+                            let push = pushed - pulled;
+                            local.time[0] += push * x - (pushed + pulled) * fall;
+                            local.time[1] += push * y;
+                            local.time[2] += push * z;
+                        }
+                        local.matrix[0] += both * (x * x + fall * fall) + 2.0 * mixed * x + barrier * over_b * over_b;
+                        local.matrix[1] += both * x * y + mixed * y;
+                        local.matrix[2] += both * x * z + mixed * z;
+                        local.matrix[3] += both * y * y;
+                        local.matrix[4] += both * y * z;
+                        local.matrix[5] += both * z * z;
+                    }
+                };
+                jerk(&mut local, 0);
+                self.matrix.add(i - 1, &local, &maps);
                 let mut end = Local::default();
-                end.jerk(
-                    next,
+                jerk(&mut end, 1);
+                let p = window.intervals[i + 1].width * next_e;
+                let maps = Maps {
+                    b: [0.0, p, 1.0 - p],
+                    g: [0.0, -next_e, next_e],
                     h,
-                    &self.borders[i + 1].jerk,
-                    barrier,
-                    &prices[i].jerk[1],
-                    interval.share * relaxed[i].jerk[1],
-                );
-                let p = self.intervals[i + 1].width * next_e;
-                matrix.add(i - 1, &end, &[[0.0, p, 1.0 - p], [0.0, -next_e, next_e], to_h]);
-                here = next;
+                };
+                self.matrix.add(i - 1, &end, &maps);
                 e = next_e;
             } else {
-                matrix.add_two(i - 1, &local, &[to_b, to_g]);
+                self.matrix.add_two(i - 1, &local, [p, 1.0 - p], [-e, e]);
             }
         }
     }
 
     /// Takes the coefficients out of the equations that others determine.
-    fn fold(&self, matrix: &mut Matrix) {
-        let n = self.count();
-        match self.begin {
-            Begin::Rest => {
-                let r = tie(self.intervals[0].width, self.intervals[1].width);
-                matrix.gradient[1] += r * matrix.gradient[0];
-                matrix.diagonal[1] += 2.0 * r * matrix.next[0] + r * r * matrix.diagonal[0];
-                matrix.next[1] += r * matrix.after[0];
-                matrix.fix(0);
-            }
+    fn fold(&mut self, window: &Window<'_>) {
+        let n = window.count();
+        match window.begin {
+            Begin::Rest => self
+                .matrix
+                .tie_first(tie(window.intervals[0].width, window.intervals[1].width)),
             Begin::Moving => {
-                matrix.fix(0);
-                matrix.fix(1);
+                self.matrix.fix(0);
+                self.matrix.fix(1);
             }
         }
-        let r = tie(self.intervals[n - 1].width, self.intervals[n - 2].width);
-        matrix.gradient[n - 2] += r * matrix.gradient[n - 1];
-        matrix.diagonal[n - 2] += 2.0 * r * matrix.next[n - 2] + r * r * matrix.diagonal[n - 1];
-        matrix.next[n - 3] += r * matrix.after[n - 3];
-        matrix.fix(n - 1);
-        if self.begin == Begin::Moving && n - 2 <= 1 {
-            matrix.fix(n - 2);
-        }
-    }
-}
-
-/// Which limit.
-#[derive(Clone, Copy)]
-enum At {
-    Cap(usize),
-    Acceleration(usize, usize),
-    Jerk(usize, usize, usize),
-}
-
-fn price_of(prices: &mut Prices, at: At) -> &mut f64 {
-    match at {
-        At::Cap(k) => &mut prices.cap[k],
-        At::Acceleration(k, sign) => &mut prices.acceleration[k][sign],
-        At::Jerk(end, k, sign) => &mut prices.jerk[end][k][sign],
-    }
-}
-
-/// Gradient and upper half of the matrix in (b, g, h) at one border.
-#[derive(Clone, Copy, Debug, Default)]
-struct Local {
-    gradient: [f64; 3],
-    /// bb, bg, bh, gg, gh, hh.
-    matrix: [f64; 6],
-}
-
-impl Local {
-    /// The jerk of each axis: -log(1 - load^2), with the curvature of b^(-1/2) left out, which makes its matrix larger and positive.
-    fn jerk(&mut self, motion: Motion, h: f64, rows: &[[f64; 3]; 3], barrier: f64, prices: &[[f64; 2]; 3], limit: f64) {
-        let root = 1.0 / libm::sqrt(motion.b);
-        let scale = 1.0 / limit;
-        // How b^(-1/2) falls with b.
-        let fall = -0.5 * root / motion.b;
-        let over_b = 1.0 / motion.b;
-        for (row, price) in rows.iter().zip(prices) {
-            let [x, y, z] = row.map(|c| c * scale);
-            let load = x * motion.b + y * motion.g + z * h;
-            let (p, m) = (1.0 / (root - load), 1.0 / (root + load));
-            let along = barrier * (p - m);
-            let (pp, mm) = (price[0] * p, price[1] * m);
-            let both = pp + mm;
-            let mixed = (mm - pp) * fall;
-            self.gradient[0] += along * x - barrier * ((p + m) * fall + over_b);
-            self.gradient[1] += along * y;
-            self.gradient[2] += along * z;
-            self.matrix[0] += both * (x * x + fall * fall) + 2.0 * mixed * x + barrier * over_b * over_b;
-            self.matrix[1] += both * x * y + mixed * y;
-            self.matrix[2] += both * x * z + mixed * z;
-            self.matrix[3] += both * y * y;
-            self.matrix[4] += both * y * z;
-            self.matrix[5] += both * z * z;
-        }
-    }
-}
-
-/// A symmetric matrix with five diagonals, and a right side that the solution replaces.
-struct Matrix {
-    diagonal: Vec<f64>,
-    next: Vec<f64>,
-    after: Vec<f64>,
-    gradient: Vec<f64>,
-}
-
-impl Matrix {
-    fn new(n: usize) -> Matrix {
-        let zero = || vec![0.0; n];
-        Matrix {
-            diagonal: zero(),
-            next: zero(),
-            after: zero(),
-            gradient: zero(),
+        self.matrix
+            .tie_last(tie(window.intervals[n - 1].width, window.intervals[n - 2].width));
+        if window.begin == Begin::Moving && n - 2 <= 1 {
+            self.matrix.fix(n - 2);
         }
     }
 
-    fn clear(&mut self) {
-        for part in [&mut self.diagonal, &mut self.next, &mut self.after, &mut self.gradient] {
-            part.iter_mut().for_each(|v| *v = 0.0);
+    /// The step with this barrier, and how the room of each limit grows with it.
+    fn direct(&mut self, window: &Window<'_>, barrier: f64) {
+        let n = window.count();
+        for (step, right) in self.step.iter_mut().zip(&self.matrix.right) {
+            *step = -(right[0] + barrier * right[1]);
         }
-    }
-
-    /// Adds terms in (b, g, h), which the three coefficients from `first` on make by `maps`.
-    fn add(&mut self, first: usize, local: &Local, maps: &[[f64; 3]; 3]) {
-        let [bb, bg, bh, gg, gh, hh] = local.matrix;
-        let square = [[bb, bg, bh], [bg, gg, gh], [bh, gh, hh]];
-        let columns: [[f64; 3]; 3] =
-            std::array::from_fn(|c| std::array::from_fn(|r| (0..3).map(|m| square[r][m] * maps[m][c]).sum()));
-        let entry = |r: usize, c: usize| -> f64 { (0..3).map(|m| maps[m][r] * columns[c][m]).sum() };
-        for c in 0..3 {
-            self.gradient[first + c] += (0..3).map(|m| maps[m][c] * local.gradient[m]).sum::<f64>();
-            self.diagonal[first + c] += entry(c, c);
+        if window.begin == Begin::Rest {
+            self.step[0] = tie(window.intervals[0].width, window.intervals[1].width) * self.step[1];
         }
-        self.next[first] += entry(0, 1);
-        self.next[first + 1] += entry(1, 2);
-        self.after[first] += entry(0, 2);
-    }
-
-    /// The same for terms in (b, g) of two coefficients.
-    fn add_two(&mut self, first: usize, local: &Local, maps: &[[f64; 3]; 2]) {
-        let [bb, bg, _, gg, _, _] = local.matrix;
-        let entry = |r: usize, c: usize| {
-            maps[0][r] * (bb * maps[0][c] + bg * maps[1][c]) + maps[1][r] * (bg * maps[0][c] + gg * maps[1][c])
+        self.step[n - 1] = tie(window.intervals[n - 1].width, window.intervals[n - 2].width) * self.step[n - 2];
+        let moved_at = |i: usize| {
+            let (a, c) = (window.intervals[i - 1].width, window.intervals[i].width);
+            let (x, y) = (self.step[i - 1], self.step[i]);
+            let over = 1.0 / (a + c);
+            Motion {
+                b: (c * x + a * y) * over,
+                g: (y - x) * over,
+            }
         };
-        for c in 0..2 {
-            self.gradient[first + c] += maps[0][c] * local.gradient[0] + maps[1][c] * local.gradient[1];
-            self.diagonal[first + c] += entry(c, c);
+        let mut moved = moved_at(1);
+        for i in 1..n {
+            let (border, interval) = (&window.borders[i], &window.intervals[i]);
+            let growth = &mut self.growth[i];
+            growth[0] = -moved.b;
+            growth[1] = -self.step[i];
+            let scale = 1.0 / interval.share;
+            for k in &self.axes {
+                let row = border.acceleration[*k];
+                let change = (row[0] * moved.b + row[1] * moved.g) * scale;
+                growth[ACCELERATION + k] = -change;
+                growth[ACCELERATION + 3 + k] = change;
+            }
+            if i + 1 < n {
+                let next_moved = moved_at(i + 1);
+                let h = (next_moved.g - moved.g) / interval.width;
+                for (end, moved) in [moved, next_moved].into_iter().enumerate() {
+                    let root = self.roots[i + end];
+                    let fall = -0.5 * root * root * root * moved.b;
+                    let scale = 1.0 / interval.share;
+                    for k in &self.axes {
+                        let row = window.borders[i + end].jerk_row(end, *k);
+                        let change = (row[0] * moved.b + row[1] * moved.g + row[2] * h) * scale;
+                        growth[JERK[end] + k] = fall - change;
+                        growth[JERK[end] + 3 + k] = fall + change;
+                    }
+                }
+                moved = next_moved;
+            }
         }
-        self.next[first] += entry(0, 1);
+        if !self.feasible {
+            for (growth, missing) in self.growth.iter_mut().zip(&self.missing) {
+                for (growth, missing) in growth.iter_mut().zip(missing) {
+                    *growth += missing;
+                }
+            }
+        }
+        self.positive = 0.0;
+        for (interval, step) in window.intervals.iter().zip(&self.step) {
+            self.positive = f64::max(self.positive, -step / interval.value);
+        }
     }
 
-    /// Row and column `i` leave the equations: its solution is 0.
-    fn fix(&mut self, i: usize) {
-        self.diagonal[i] = 1.0;
-        self.gradient[i] = 0.0;
-        self.next[i] = 0.0;
-        self.after[i] = 0.0;
-        if i > 0 {
-            self.next[i - 1] = 0.0;
+    /// How much of the step the values and the multipliers can go.
+    fn room(&self, barrier: f64) -> (f64, f64) {
+        let (mut nearest, mut price_nearest) = ([0.0f64; 2], [0.0f64; 2]);
+        for ((over, growth), prices) in self.over.iter().zip(&self.growth).zip(&self.prices).skip(1) {
+            for k in 0..10 {
+                for lane in 0..2 {
+                    let at = 2 * k + lane;
+                    let shrinks = growth[at] * over[at];
+                    nearest[lane] = nearest[lane].max(-shrinks);
+                    // Its change over itself.
+                    let price = prices[at];
+                    let change = (price - barrier * over[at]) + price * shrinks;
+                    price_nearest[lane] = price_nearest[lane].max(change / price);
+                }
+            }
         }
-        if i > 1 {
-            self.after[i - 2] = 0.0;
-        }
+        let along = nearest[0].max(nearest[1]).max(self.positive / 0.98 * NEAR);
+        let prices = price_nearest[0].max(price_nearest[1]);
+        (NEAR / along.max(1e-9), NEAR / prices.max(1e-9))
     }
 
-    /// Solves by L D L^T; the solution is in `gradient`.
-    fn solve(&mut self) {
-        let n = self.diagonal.len();
-        for i in 0..n {
-            let d = self.diagonal[i];
-            let (a, b) = (self.next[i] / d, self.after[i] / d);
-            if i + 1 < n {
-                self.diagonal[i + 1] -= a * self.next[i];
-                self.gradient[i + 1] -= a * self.gradient[i];
-                self.next[i + 1] -= a * self.after[i];
-            }
-            if i + 2 < n {
-                self.diagonal[i + 2] -= b * self.after[i];
-                self.gradient[i + 2] -= b * self.gradient[i];
-            }
-            self.next[i] = a;
-            self.after[i] = b;
-            self.gradient[i] /= d;
-        }
-        for i in (0..n).rev() {
-            if i + 1 < n {
-                self.gradient[i] -= self.next[i] * self.gradient[i + 1];
-            }
-            if i + 2 < n {
-                self.gradient[i] -= self.after[i] * self.gradient[i + 2];
+    /// Moves the multipliers by a share of their own step.
+    fn move_prices(&mut self, barrier: f64, share: f64) {
+        for ((over, growth), prices) in self.over.iter().zip(&self.growth).zip(&mut self.prices).skip(1) {
+            for at in 0..20 {
+                let change = barrier * over[at] - prices[at] - prices[at] * over[at] * growth[at];
+                prices[at] += share * change;
             }
         }
     }

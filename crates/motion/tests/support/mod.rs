@@ -109,7 +109,11 @@ pub struct Planned {
 
 /// Everything a program becomes from `start`.
 pub fn plan(stream: impl ProgramStream, start: [f64; 3], limits: Limits) -> Planned {
-    let mut trajectory = Trajectory::new(Box::new(stream), Point::<Machine>::from_xyz(start), limits);
+    all_of(Trajectory::new(Box::new(stream), Point::<Machine>::from_xyz(start), limits))
+}
+
+/// Everything that a trajectory gives.
+pub fn all_of(mut trajectory: Trajectory<'_>) -> Planned {
     let (mut points, mut others) = (vec![], vec![]);
     let mut answer = None;
     loop {

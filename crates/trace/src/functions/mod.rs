@@ -245,11 +245,20 @@ const SINGLE: &[Key] = &[
         "the stream of the record; by default the enclosing workplan's",
     ),
 ];
-const DIRECTION: &[Key] = &[key(
-    "with_direction",
+/// Of functions that cannot do without a sensor.
+const REQUIRED: &[Key] = &[key(
+    "required",
     Kind::State,
-    "record the direction of the commanded path with it",
+    "ON: without the sensor the program is refused (T-05)",
 )];
+const DIRECTION: &[Key] = &[
+    key(
+        "with_direction",
+        Kind::State,
+        "record the direction of the commanded path with it",
+    ),
+    REQUIRED[0],
+];
 const POINTS: &[Key] = &[
     key("its_points", Kind::Reference, "curve or points where to record"),
     key(

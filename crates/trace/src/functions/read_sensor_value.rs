@@ -1,6 +1,6 @@
 //! `read_sensor_value`.
 
-use super::{Block, Call, Definition, SINGLE, key, required};
+use super::{Block, Call, Definition, REQUIRED, SINGLE, key, required};
 use crate::value::Kind;
 
 /// Its row of the table.
@@ -14,6 +14,7 @@ pub const FUNCTION: Definition = Definition {
             key("its_axes", Kind::List, "axes, where the name has none"),
         ],
         SINGLE,
+        REQUIRED,
     ],
     doc: "One sample of a sensor.",
     record: "value with unit and quality, cycle",

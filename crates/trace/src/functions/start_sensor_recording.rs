@@ -1,7 +1,7 @@
 //! `start_sensor_recording`.
 
 use super::TraceId;
-use super::{Block, Call, Definition, LOG, key, required};
+use super::{Block, Call, Definition, LOG, REQUIRED, key, required};
 use crate::sensor::Statistic;
 use crate::value::{Kind, Sampling};
 
@@ -29,6 +29,7 @@ pub const FUNCTION: Definition = Definition {
             key("max_samples", Kind::Integer(1, 2_147_483_647), "it ends after so many"),
         ],
         LOG,
+        REQUIRED,
     ],
     doc: "Records sensors from here to its stop, or to the end of its workplan.",
     record: "samples with unit, quality and context; why it ended",

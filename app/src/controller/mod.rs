@@ -1,0 +1,8 @@
+//! The machine side as a process of its own: [`realtime`] moves it, [`serving`] and [`text_serving`] speak with who drives it, [`gamepad`] is
+//! what a person holds.
+
+pub mod gamepad;
+pub mod realtime;
+pub mod recording;
+pub mod serving;
+pub mod text_serving;

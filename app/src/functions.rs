@@ -1,0 +1,379 @@
+//! Functions of the traceability vocabulary in a run: what the shell knows for them, where their rows go, and what is told of them.
+
+use crate::execution::{Order, Work};
+use crate::failure::Failure;
+use crate::program::Program;
+use crate::survey::{Check, State, beforehand};
+use crate::{say, shop};
+use ledger::Event;
+use plan::executed::{AsExecuted, ResultValue};
+use plan::{Next, Severity, Tables};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use store::MachineFile;
+use store::functions::{FunctionRow, FunctionRows, StreamName, Streams};
+use store::record::Finished;
+use store::segment::{Offered, Pace, Recorder as Segments, Settings, discard, merge};
+use trace::record::{EVENT, Known, Row, Stream};
+use trace::survey::{Found, Survey};
+use units::{Millimetres, Timestamp, ToolNumber};
+
+/// Looks a program through for its functions, without planning it.
+///
+/// # Errors
+/// It cannot be read.
+pub fn look(program: &Program, tables: &Tables) -> Result<Found, Failure> {
+    let mut stream = program.stream(tables)?;
+    let mut survey = Survey::new(&program.name);
+    let mut answer = None;
+    loop {
+        match stream.next(answer.take()) {
+            Next::Step(step) => survey.step(&step),
+            Next::Ask(question) => answer = Some(beforehand(&question)),
+            // What stops the program is found by its check.
+            Next::End | Next::Alarm(_) => return Ok(survey.finish()),
+        }
+    }
+}
+
+/// The lines of a check about functions; `level` is the level of who acts.
+pub fn checks(found: &Found, level: Option<u8>, all: &mut Vec<Check>) {
+    if found.counts.is_empty() && found.diagnostics.is_empty() {
+        return;
+    }
+    let mut say = |state, text: String| {
+        all.push(Check {
+            name: "functions",
+            state,
+            text,
+        });
+    };
+    let counts: Vec<String> = found
+        .counts
+        .iter()
+        .map(|(name, n)| if *n == 1 { name.clone() } else { format!("{name} {n} times") })
+        .collect();
+    if !counts.is_empty() {
+        say(State::Ok, counts.join(", "));
+    }
+    for diagnostic in &found.diagnostics {
+        let state = match diagnostic.severity {
+            Severity::Remark => State::Ok,
+            Severity::Warning => State::Warning,
+            Severity::Error => State::Fail,
+        };
+        say(state, format!("{}: {diagnostic}", diagnostic.code));
+    }
+    if found.all_modes && level.is_none_or(|level| level > trace::survey::ALL_MODES_LEVEL) {
+        let text = format!(
+            "T-11: a synchronized action goes on in all modes: that needs an operator of level {} or stronger signed in",
+            trace::survey::ALL_MODES_LEVEL
+        );
+        say(State::Fail, text);
+    }
+}
+
+/// What a run knows of machine, tools and operator.
+pub fn known(order: &Order<'_>) -> Known {
+    let machine = order.machine;
+    Known {
+        machine: object(of_machine(machine, &order.tables, order.drives.is_simulated())),
+        operator: object(json!({
+            "name": order.who, "role": "operator", "level": order.level, "authenticated_by": "none",
+        })),
+        coolant: Map::new(),
+        tools: order
+            .tables
+            .tools
+            .iter()
+            .map(|(number, tool)| {
+                let data = json!({
+                    "name": tool.name,
+                    "length_mm": tool.geometry.0.xyz[2],
+                    "geometry_mm": tool.geometry.0.xyz,
+                    "wear_mm": tool.wear.0.xyz,
+                    "diameter_mm": tool.diameter.map(|d| d.0),
+                    "radius_mm": tool.diameter.map(|d| d.0 / 2.0),
+                    "life_used": "unavailable",
+                    "asset_id": format!("{}/T{}", machine.name, number.0),
+                });
+                (number.0, object(data))
+            })
+            .collect(),
+        points: match order.work {
+            Work::Program(program) => program.step_nc().map(|p| p.named_points()).unwrap_or_default(),
+            Work::Live(_) => Default::default(),
+        },
+    }
+}
+
+fn of_machine(machine: &MachineFile, tables: &Tables, simulated: bool) -> Value {
+    let axes: Vec<String> = units::Axis::ALL
+        .into_iter()
+        .filter(|axis| machine.axis(*axis).is_some())
+        .map(|axis| axis.letter().to_ascii_uppercase().to_string())
+        .collect();
+    json!({
+        "model": machine.name,
+        "kind": match machine.kind { store::MachineKind::Mill => "mill", store::MachineKind::Lathe => "lathe" },
+        "brand": "unavailable",
+        "serial_number": "unavailable",
+        "control": machine.control.map(|c| c.word()),
+        "software": format!("toolmark {}", env!("CARGO_PKG_VERSION")),
+        "axes": axes,
+        "work_offsets": tables.work_offsets.keys().collect::<Vec<_>>(),
+        "source": if simulated { "SIMULATED" } else { "controller" },
+    })
+}
+
+fn object(value: Value) -> Map<String, Value> {
+    match value {
+        Value::Object(members) => members.into_iter().filter(|(_, value)| !value.is_null()).collect(),
+        _ => Map::new(),
+    }
+}
+
+/// The diameters of tools, for cutting speeds.
+pub fn diameters(tables: &Tables) -> Vec<(ToolNumber, Millimetres)> {
+    tables
+        .tools
+        .iter()
+        .filter_map(|(n, tool)| Some((*n, tool.diameter?)))
+        .collect()
+}
+
+/// Takes values of recordings to the disk; nothing is made before the first comes.
+pub struct Values {
+    folder: PathBuf,
+    target: PathBuf,
+    start: Timestamp,
+    streams: Streams,
+    segments: Option<Segments<FunctionRows>>,
+    failed: Option<Failure>,
+    pace: Pace,
+}
+
+impl Values {
+    /// For a job whose recording is made in `recording` and kept in `folder`.
+    pub fn new(recording: &Path, folder: &Path, start: Timestamp, pace: Pace) -> Values {
+        Values {
+            folder: recording.join("functions"),
+            target: folder.join(store::functions::FILE),
+            start,
+            streams: Streams::default(),
+            segments: None,
+            failed: None,
+            pace,
+        }
+    }
+
+    /// A value.
+    pub fn take(&mut self, row: &Row, stream: &Stream) {
+        if self.failed.is_some() {
+            return;
+        }
+        self.streams.know(row.stream, || StreamName {
+            run: stream.run,
+            recording: stream.id.clone(),
+            stream: stream.name.clone(),
+            unit: stream.unit.to_owned(),
+            derived: stream.derived,
+        });
+        if self.segments.is_none() {
+            let rows = FunctionRows::new(self.start, &self.target, self.streams.clone());
+            match Segments::begin(&self.folder, rows, BTreeMap::new(), &Settings::new(self.pace)) {
+                Ok(begun) => self.segments = Some(begun),
+                Err(error) => self.failed = Some(shop::failure(error)),
+            }
+        }
+        let Some(segments) = &mut self.segments else { return };
+        let offered = segments.offer(&FunctionRow {
+            tick: row.tick,
+            stream: row.stream,
+            value: row.value.unwrap_or(f64::NAN),
+            quality: row.quality,
+            step: row.step,
+            workingstep: row.workingstep,
+            tool: row.tool,
+        });
+        match offered {
+            // A missed value is counted in a gap of its file.
+            Offered::Taken | Offered::Missed => {}
+        }
+    }
+
+    /// Closes the recording; gives its file, if there is one.
+    ///
+    /// # Errors
+    /// The disk refused.
+    pub fn end(self) -> Result<Option<(PathBuf, Finished)>, Failure> {
+        if let Some(failed) = self.failed {
+            return Err(failed);
+        }
+        let Some(segments) = self.segments else { return Ok(None) };
+        segments.end().map_err(shop::failure)?;
+        let merged = merge(&self.folder, &self.target, &[], &[]).map_err(shop::failure)?;
+        for gap in &merged.gaps {
+            eprintln!("warning: the values of recordings have a gap: {gap}");
+        }
+        discard(&self.folder).map_err(shop::failure)?;
+        Ok(Some((self.target, merged.finished)))
+    }
+}
+
+/// A record of a function, for report and screen.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Told {
+    /// Seconds since the job began.
+    pub t_s: f64,
+    /// The function.
+    pub function: String,
+    /// One sentence.
+    pub text: String,
+    /// All of it.
+    pub data: BTreeMap<String, Value>,
+}
+
+/// The records of functions among the events of a run.
+pub fn told<'e>(events: impl IntoIterator<Item = &'e Event>) -> Vec<Told> {
+    let mut start = None;
+    let mut all = Vec::new();
+    for event in events {
+        let start = *start.get_or_insert(event.at_ns);
+        if event.kind == EVENT {
+            all.push(Told {
+                t_s: (event.at_ns - start) as f64 / 1e9,
+                function: text_of(&event.detail, "function"),
+                text: sentence(&event.detail),
+                data: event.detail.clone(),
+            });
+        }
+    }
+    all
+}
+
+/// Records that are shown on the screen; all of them are in report and log.
+const SHOWN: usize = 20;
+
+/// The records on the screen.
+pub fn print(all: &[Told]) {
+    for told in all.iter().take(SHOWN) {
+        say(&format!("  {:>9.3} s  {:26} {}", told.t_s, told.function, told.text));
+    }
+    if all.len() > SHOWN {
+        say(&format!(
+            "  ... {} more records of functions: toolmark trace show last --events",
+            all.len() - SHOWN
+        ));
+    }
+}
+
+fn text_of(detail: &BTreeMap<String, Value>, key: &str) -> String {
+    match detail.get(key) {
+        None => String::new(),
+        Some(Value::String(text)) => text.clone(),
+        Some(other) => other.to_string(),
+    }
+}
+
+/// What a record says, in the order in which a person reads it.
+fn sentence(detail: &BTreeMap<String, Value>) -> String {
+    const FIRST: [&str; 6] = ["error", "id", "alarm", "state", "text", "why"];
+    const NOT: [&str; 6] = ["function", "place", "step", "tick", "streams", "actions"];
+    let mut parts: Vec<String> = FIRST
+        .iter()
+        .filter(|key| detail.contains_key(**key))
+        .map(|key| text_of(detail, key))
+        .collect();
+    for (key, value) in detail {
+        if FIRST.contains(&key.as_str()) || NOT.contains(&key.as_str()) || value.is_object() {
+            continue;
+        }
+        if key == "values" {
+            parts.extend(value.as_array().into_iter().flatten().map(|one| value_text(one)));
+        } else {
+            parts.push(format!("{key} {}", text_of(detail, key)));
+        }
+    }
+    for action in detail.get("actions").and_then(Value::as_array).into_iter().flatten() {
+        let inner: BTreeMap<String, Value> = action
+            .as_object()
+            .map(|members| members.iter().map(|(k, v)| (k.clone(), v.clone())).collect())
+            .unwrap_or_default();
+        parts.push(format!("{}: {}", text_of(&inner, "function"), sentence(&inner)));
+    }
+    if let Some(streams) = detail.get("streams").and_then(Value::as_array) {
+        let names: Vec<&str> = streams.iter().filter_map(|s| s.get("name")?.as_str()).collect();
+        parts.push(names.join(" "));
+    }
+    parts.join(", ")
+}
+
+fn value_text(one: &Value) -> String {
+    let stream = one.get("stream").and_then(Value::as_str).unwrap_or_default();
+    match one.get("value").and_then(Value::as_f64) {
+        Some(value) => format!(
+            "{stream} {value:.4} {}",
+            one.get("unit").and_then(Value::as_str).unwrap_or_default()
+        ),
+        None => format!("{stream} unavailable"),
+    }
+}
+
+/// Puts single values on the workingstep of the run during which, or before which, they were taken.
+pub fn results(events: &[Event], run: &mut AsExecuted) {
+    for event in events.iter().filter(|e| e.kind == EVENT) {
+        let at = event.at();
+        let mut values = Vec::new();
+        gather(
+            &event.detail.iter().map(|(k, v)| (k.clone(), v.clone())).collect(),
+            &mut values,
+        );
+        if values.is_empty() {
+            continue;
+        }
+        let place = run.workingsteps.iter().rposition(|w| w.start <= at).unwrap_or(0);
+        let Some(workingstep) = run.workingsteps.get_mut(place) else {
+            continue;
+        };
+        for (name, value, unit, quality) in values {
+            workingstep.results.push(ResultValue {
+                name,
+                value,
+                unit,
+                quality,
+                at,
+            });
+        }
+    }
+}
+
+/// The numbers of a record: name, value, unit, quality.
+fn gather(data: &Map<String, Value>, found: &mut Vec<(String, f64, String, String)>) {
+    let text = |from: &Map<String, Value>, key: &str| from.get(key).and_then(Value::as_str).unwrap_or_default().to_owned();
+    let function = text(data, "function");
+    for one in data.get("values").and_then(Value::as_array).into_iter().flatten() {
+        if let (Some(members), Some(value)) = (one.as_object(), one.get("value").and_then(Value::as_f64)) {
+            found.push((
+                text(members, "stream"),
+                value,
+                text(members, "unit"),
+                text(members, "quality"),
+            ));
+        }
+    }
+    for (key, unit) in [("duration_s", "SECOND"), ("since_program_began_ms", "MILLISECOND")] {
+        if let Some(value) = data.get(key).and_then(Value::as_f64) {
+            let label = data.get("label").or(data.get("executable")).and_then(Value::as_str);
+            let name = label.map_or_else(|| function.clone(), |label| format!("{function} {label}"));
+            found.push((name, value, unit.to_owned(), text(data, "quality")));
+        }
+    }
+    for action in data.get("actions").and_then(Value::as_array).into_iter().flatten() {
+        if let Some(members) = action.as_object() {
+            gather(members, found);
+        }
+    }
+}

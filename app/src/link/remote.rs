@@ -1,0 +1,391 @@
+//! A machine behind the default link: a thread of its own speaks with the controller, so that planning and recording make nobody wait.
+//!
+//! Its other end takes commands and requests as a machine's queue would, and gives the machine's reports. A connection that is cut is
+//! made again; the machine has stopped on its path meanwhile, and goes on when a person gives cycle start.
+
+use super::address::Address;
+use super::certificates::Client;
+use super::socket::Socket;
+use crate::failure::Failure;
+use cell::link::{LinkError, LinkSender, SenderStatus};
+use machine::link::PlanId;
+use machine::{Command, MachineParameters, Quality, Report, Request};
+use std::collections::VecDeque;
+use std::net::{SocketAddr, TcpStream};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+use units::Tick;
+
+/// Commands between planner and link at most.
+const COMMANDS: usize = 1024;
+/// Reports between link and recorder at most, sixteen seconds: beyond it they wait with the controller, which counts what it loses.
+const REPORTS: usize = 16_384;
+/// Reports that wait for a recorder that is even later, two minutes: what comes then is a counted gap.
+const MOST_BEHIND: usize = 120_000;
+/// How long one address is tried.
+const CONNECT: Duration = Duration::from_secs(5);
+/// Between two tries to get back to a controller that was there.
+const AGAIN: Duration = Duration::from_millis(300);
+/// After so long without it the run is over.
+const GIVEN_UP: Duration = Duration::from_secs(30);
+/// How long the controller may take to say who it is.
+const GREETING: Duration = Duration::from_secs(5);
+/// How often the thread looks.
+const LOOK: Duration = Duration::from_millis(1);
+
+/// What the controller says of its machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Machine {
+    /// Its name.
+    pub name: String,
+    /// What its measurements are worth.
+    pub quality: Quality,
+}
+
+/// What both threads know.
+#[derive(Default)]
+struct Shared {
+    machine: Option<Machine>,
+    status: SenderStatus,
+    lost_reports: u64,
+    /// Times the connection was cut.
+    cuts: u64,
+    ended: Option<String>,
+    /// The newest report, whoever else gets it.
+    last: Option<Report>,
+    /// Every report is wanted from here on.
+    recording: bool,
+    /// Nobody wants anything of the machine any more.
+    over: bool,
+}
+
+/// A machine behind the link.
+pub struct Remote {
+    commands: Option<SyncSender<Command>>,
+    requests: SyncSender<Request>,
+    reports: Receiver<Report>,
+    shared: Arc<Mutex<Shared>>,
+    thread: Option<JoinHandle<()>>,
+    /// Where it is, for messages.
+    pub address: Address,
+}
+
+impl Remote {
+    /// Connects, and waits until the controller has said who it is. `name` is what another one will read who wants to drive the machine too.
+    ///
+    /// # Errors
+    /// Nobody answers, the controller takes somebody else's set-points, or it is another machine than `parameters` say.
+    pub fn connect(
+        address: &Address,
+        client: Option<Client>,
+        name: &str,
+        plan: PlanId,
+        parameters: &MachineParameters,
+    ) -> Result<(Remote, Machine), Failure> {
+        let to = address.resolve()?;
+        let (commands, from_commands) = sync_channel(COMMANDS);
+        let (requests, from_requests) = sync_channel(64);
+        let (to_reports, reports) = sync_channel(REPORTS);
+        let shared = Arc::new(Mutex::new(Shared::default()));
+        let speaker = Speaker {
+            to,
+            client,
+            sender: LinkSender::new(name, plan, parameters),
+            commands: from_commands,
+            requests: from_requests,
+            reports: to_reports,
+            shared: Arc::clone(&shared),
+            began: Instant::now(),
+            heard_of: None,
+            command: None,
+            report: VecDeque::new(),
+            not_kept: 0,
+            over: false,
+        };
+        let thread = std::thread::spawn(move || speaker.speak());
+        let remote = Remote {
+            commands: Some(commands),
+            requests,
+            reports,
+            shared,
+            thread: Some(thread),
+            address: address.clone(),
+        };
+        let until = Instant::now() + CONNECT + GREETING;
+        loop {
+            let (machine, ended) = {
+                let shared = remote.lock();
+                (shared.machine.clone(), shared.ended.clone())
+            };
+            match (machine, ended) {
+                (_, Some(why)) => return Err(Failure::machine(format_args!("{address}: {why}"))),
+                (Some(machine), None) => return Ok((remote, machine)),
+                (None, None) if Instant::now() > until => {
+                    let why = "it does not say who it is: is it a toolmark controller, and with the default link?";
+                    return Err(Failure::machine(format_args!("{address}: {why}")));
+                }
+                (None, None) => std::thread::sleep(LOOK),
+            }
+        }
+    }
+
+    /// Takes the next command, as a machine's queue would.
+    ///
+    /// # Errors
+    /// Gives it back when there are enough.
+    pub fn push(&self, command: Command) -> Result<(), Command> {
+        match &self.commands {
+            None => Err(command),
+            Some(commands) => commands.try_send(command).map_err(|error| match error {
+                TrySendError::Full(back) | TrySendError::Disconnected(back) => back,
+            }),
+        }
+    }
+
+    /// Asks for something. Sixty-four requests that nobody has taken are enough: the rest is dropped, and the caller asks again.
+    pub fn request(&self, request: Request) {
+        let _ = self.requests.try_send(request);
+    }
+
+    /// The next report, waited for so long at most.
+    ///
+    /// # Errors
+    /// The link is over for good, and why.
+    pub fn report(&self, longest: Duration) -> Result<Option<Report>, Failure> {
+        match self.reports.recv_timeout(longest) {
+            Ok(report) => Ok(Some(report)),
+            Err(RecvTimeoutError::Timeout) => Ok(None),
+            Err(RecvTimeoutError::Disconnected) => {
+                let why = self
+                    .lock()
+                    .ended
+                    .clone()
+                    .unwrap_or_else(|| "the link ended without a word".to_owned());
+                Err(Failure::machine(format_args!("{}: {why}", self.address)))
+            }
+        }
+    }
+
+    /// The newest report: before the record begins, the others are of no interest.
+    ///
+    /// # Errors
+    /// The link is over for good, and why.
+    pub fn last_report(&self) -> Result<Option<Report>, Failure> {
+        let shared = self.lock();
+        match &shared.ended {
+            Some(why) => Err(Failure::machine(format_args!("{}: {why}", self.address))),
+            None => Ok(shared.last),
+        }
+    }
+
+    /// From here on every report is kept for [`Remote::report`].
+    pub fn begin_record(&self) {
+        self.lock().recording = true;
+    }
+
+    /// How far sender and machine are, and how often the connection was cut.
+    pub fn status(&self) -> (SenderStatus, u64) {
+        let shared = self.lock();
+        (shared.status, shared.cuts)
+    }
+
+    /// Reports that were lost, in all.
+    pub fn lost_reports(&self) -> u64 {
+        self.lock().lost_reports
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Shared> {
+        // Each change is one assignment: it is whole whoever panicked.
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Remote {
+    /// Gives the machine back.
+    fn drop(&mut self) {
+        self.commands = None;
+        self.lock().over = true;
+        if let Some(thread) = self.thread.take() {
+            // What it had to say it has said in `ended`.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The thread that speaks with the controller.
+struct Speaker {
+    to: Vec<SocketAddr>,
+    client: Option<Client>,
+    sender: LinkSender,
+    commands: Receiver<Command>,
+    requests: Receiver<Request>,
+    reports: SyncSender<Report>,
+    shared: Arc<Mutex<Shared>>,
+    began: Instant,
+    /// When the controller was there last; `None` before it was.
+    heard_of: Option<Instant>,
+    /// A command that the sender had no place for.
+    command: Option<Command>,
+    /// Reports that the recorder had no place for.
+    report: VecDeque<Report>,
+    /// Reports for which there was no place here.
+    not_kept: u64,
+    /// Nobody wants anything of the machine any more.
+    over: bool,
+}
+
+impl Speaker {
+    fn speak(mut self) {
+        let why = loop {
+            match self.connected() {
+                Ok(socket) => match self.on(socket) {
+                    Ok(()) => break None,
+                    Err(why) if why.is_final => break Some(why.text),
+                    // Before it ever answered there is nothing to come back to.
+                    Err(why) if self.heard_of.is_none() => break Some(why.text),
+                    Err(why) => {
+                        eprintln!(
+                            "notice: the link to the controller is cut: {}; the machine stops on its path",
+                            why.text
+                        );
+                        self.sender.disconnected(self.now());
+                        self.lock().cuts += 1;
+                    }
+                },
+                Err(text) if self.heard_of.is_none_or(|at| at.elapsed() > GIVEN_UP) => break Some(text),
+                Err(_) => {}
+            }
+            if self.over || self.lock().over {
+                break None;
+            }
+            std::thread::sleep(AGAIN);
+        };
+        let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
+        shared.ended = Some(why.unwrap_or_else(|| "the run was over".to_owned()));
+    }
+
+    fn now(&self) -> Tick {
+        Tick(u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX))
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Shared> {
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn connected(&self) -> Result<Socket, String> {
+        let mut last = "there is no such host".to_owned();
+        for address in &self.to {
+            let made = TcpStream::connect_timeout(address, CONNECT).and_then(|stream| {
+                let tls = self.client.as_ref().map(Client::connection).transpose()?;
+                Socket::new(stream, tls)
+            });
+            match made {
+                Ok(socket) => return Ok(socket),
+                Err(error) => last = format!("{error}: is toolmark controller running there?"),
+            }
+        }
+        Err(last)
+    }
+
+    /// Speaks on one connection until it ends, or the run.
+    fn on(&mut self, mut socket: Socket) -> Result<(), Cut> {
+        self.sender.connected(self.now());
+        let (mut bytes, mut out) = (Vec::new(), Vec::new());
+        loop {
+            bytes.clear();
+            let read = socket.read(&mut bytes);
+            // What came before the end counts: a refusal is the last word of a connection.
+            let now = self.now();
+            self.sender.receive(now, &bytes)?;
+            read?;
+            self.take_over();
+            out.clear();
+            self.sender.output(now, &mut out)?;
+            socket.write(&out)?;
+            let written = socket.flush()?;
+            if self.over && written {
+                socket.close();
+                return Ok(());
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// From the run to the sender, and back.
+    fn take_over(&mut self) {
+        if self.sender.status().linked {
+            self.heard_of = Some(Instant::now());
+        }
+        loop {
+            if self.command.is_none() {
+                match self.commands.try_recv() {
+                    Ok(command) => self.command = Some(command),
+                    Err(TryRecvError::Empty | TryRecvError::Disconnected) => break,
+                }
+            }
+            if let Some(command) = self.command.take()
+                && let Err(back) = self.sender.push(command)
+            {
+                self.command = Some(back);
+                break;
+            }
+        }
+        while let Ok(request) = self.requests.try_recv() {
+            self.sender.request(request);
+        }
+        if !self.over && self.lock().over {
+            self.over = true;
+            self.sender.finish();
+        }
+        let recording = self.lock().recording;
+        let mut last = None;
+        while let Some(report) = self.sender.report() {
+            last = Some(report);
+            if recording && self.report.len() < MOST_BEHIND {
+                self.report.push_back(report);
+            } else if recording {
+                self.not_kept += 1;
+            }
+        }
+        while let Some(report) = self.report.pop_front() {
+            if let Err(TrySendError::Full(back)) = self.reports.try_send(report) {
+                self.report.push_front(back);
+                break;
+            }
+        }
+        let (status, lost) = (self.sender.status(), self.sender.lost_reports());
+        let machine = self.sender.machine().map(|welcome| Machine {
+            name: welcome.machine.text().to_owned(),
+            quality: welcome.quality,
+        });
+        let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
+        (shared.status, shared.lost_reports, shared.machine) = (status, lost + self.not_kept, machine);
+        shared.last = last.or(shared.last);
+    }
+}
+
+/// Why a connection ended.
+struct Cut {
+    is_final: bool,
+    text: String,
+}
+
+impl From<LinkError> for Cut {
+    fn from(error: LinkError) -> Self {
+        Cut {
+            is_final: error.is_final(),
+            text: error.to_string(),
+        }
+    }
+}
+
+impl From<std::io::Error> for Cut {
+    fn from(error: std::io::Error) -> Self {
+        Cut {
+            is_final: false,
+            text: error.to_string(),
+        }
+    }
+}

@@ -1,0 +1,239 @@
+//! Every function of the vocabulary through the program: loaded, run, recorded, exported and in the manual; and what a check says of them.
+
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use trace::{Call, FUNCTIONS, parse};
+
+struct Place(tempfile::TempDir);
+
+impl Place {
+    fn new() -> Place {
+        Place(tempfile::tempdir().expect("a temporary folder"))
+    }
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+    fn run(&self, arguments: &[&str]) -> Output {
+        Command::new(env!("CARGO_BIN_EXE_toolmark"))
+            .args(arguments)
+            .arg("--data")
+            .arg(self.path("data"))
+            .output()
+            .expect("the binary starts")
+    }
+    #[track_caller]
+    fn json(&self, arguments: &[&str]) -> Value {
+        let output = self.run(&[arguments, &["--json"]].concat());
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|e| {
+            let (out, err) = (
+                String::from_utf8_lossy(&output.stdout),
+                String::from_utf8_lossy(&output.stderr),
+            );
+            panic!("{e}: {out}{err}")
+        })
+    }
+    fn program(&self, name: &str, text: &str) -> String {
+        std::fs::write(self.path(name), text).expect("written");
+        self.path(name).display().to_string()
+    }
+}
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Names of functions in the records of a run, actions among them.
+fn recorded(told: &Value) -> BTreeSet<String> {
+    let mut names = BTreeSet::new();
+    for record in told["functions"].as_array().expect("records of functions") {
+        names.insert(record["function"].as_str().unwrap_or_default().to_owned());
+        for action in record["data"]["actions"].as_array().into_iter().flatten() {
+            names.insert(action["function"].as_str().unwrap_or_default().to_owned());
+        }
+    }
+    names
+}
+
+/// How a function shows in the log: what is stopped tells of its start's kind, and points of a recording.
+fn shows(name: &str, records: &BTreeSet<String>) -> bool {
+    records.contains(name)
+}
+
+#[test]
+fn every_function_is_loaded_run_recorded_exported_and_in_the_manual() {
+    let manual = std::fs::read_to_string(repository().join("docs/functions.md")).expect("the manual's page");
+    for program in ["corpus/functions.nc", "corpus/functions.stpnc"] {
+        let place = Place::new();
+        let file = repository().join(program).display().to_string();
+        let out = place.path("out").display().to_string();
+        let checked = place.json(&["check", &file]);
+        let lines = checked["checks"].as_array().expect("checks");
+        let of_functions: Vec<&str> = lines
+            .iter()
+            .filter(|line| line["name"] == "functions")
+            .filter_map(|line| line["text"].as_str())
+            .collect();
+        assert!(!lines.iter().any(|line| line["state"] == "fail"), "{program}: {lines:#?}");
+        let told = place.json(&["run", &file, "--fast", "--out", &out, "--start", "2026-11-21T08:00:00Z"]);
+        assert_eq!(told["ended"], "completed", "{program}: {told:#}");
+        let records = recorded(&told);
+        let csv = place.path("export.csv").display().to_string();
+        place.json(&["trace", "export", "last", "--out", &csv]);
+        let exported = std::fs::read_to_string(place.path("export.events.csv")).expect("exported");
+        for function in FUNCTIONS {
+            let name = function.name;
+            let loaded = of_functions
+                .iter()
+                .any(|text| text.split([' ', ',']).any(|word| word == name));
+            // Its one place is among the actions.
+            assert!(
+                loaded || name == "display_message",
+                "{program}: {name} is not loaded: {of_functions:?}"
+            );
+            assert!(shows(name, &records), "{program}: {name} is not recorded: {records:?}");
+            assert!(exported.contains(name), "{program}: {name} is not exported");
+            assert!(manual.contains(&format!("### `{name}`")), "{name} has no page");
+        }
+        // The seed's second example: positions and loads at the firing, and the alarm.
+        let fired = told["functions"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .find(|r| r["function"] == "start_synchronized_action" && r["data"]["state"] == "fired")
+            .expect("it fires");
+        let actions = fired["data"]["actions"].as_array().expect("actions");
+        assert_eq!(actions[0]["values"].as_array().map(Vec::len), Some(3));
+        assert_eq!(actions[1]["values"][0]["stream"], "X.LOAD");
+        assert_eq!(
+            (&actions[2]["alarm"], &actions[2]["state"]),
+            (&Value::from(1), &Value::from("set"))
+        );
+        let report = std::fs::read_to_string(place.path("out").join("report.html")).expect("a report");
+        assert!(report.contains("Functions of the program") && report.contains("over_time"));
+        // Three tool changes were seen while tool logging was on.
+        let changes: Vec<u64> = told["functions"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .filter(|r| r["function"] == "start_tool_logging")
+            .filter_map(|r| r["data"]["tool_number"].as_u64())
+            .collect();
+        assert_eq!(changes, [1, 2, 3], "{program}");
+        // The values of the recording are a table of their own, and go with an export.
+        let mut loads = 0;
+        store::functions::read(&place.path("out").join(store::functions::FILE), &mut |row| {
+            loads += u32::from(row.recording == "1" && row.stream == "X.LOAD");
+        })
+        .expect("readable");
+        assert!(loads > 1000, "{loads}");
+        let values = std::fs::read_to_string(place.path("export.functions.csv")).expect("exported");
+        assert!(values.lines().count() > 3000 && values.contains("X.LOAD"));
+        // Single values stand on the twin.
+        let twin = std::fs::read_to_string(place.path("out").join("as-executed.stpnc")).expect("a twin");
+        assert!(twin.contains("S1.ROTARY_VELOCITY.ACTUAL") && twin.contains("get_time first cut"));
+    }
+}
+
+#[test]
+fn the_sample_runs_and_keeps_what_it_says() {
+    let sample = repository().join("../shared/samples/stepnc/ap238/plate_trace_functions_e3.stpnc");
+    if !sample.exists() {
+        eprintln!("skipped: ../shared/samples is not there");
+        return;
+    }
+    let place = Place::new();
+    let told = place.json(&["run", &sample.display().to_string(), "--fast"]);
+    let records = recorded(&told);
+    for name in [
+        "log_nc_machine_data",
+        "get_operator_data",
+        "set_edit_access_level",
+        "start_tool_logging",
+        "start_synchronized_action",
+        "stop_synchronized_action",
+        "start_sensor_recording",
+        "stop_sensor_recording",
+        "get_time",
+    ] {
+        assert!(records.contains(name), "{name}: {records:?}");
+    }
+    // Along one path: loads of X and Y, every fourth cycle.
+    let along = told["functions"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .find(|r| r["data"]["id"] == "path" && r["data"]["state"] == "started")
+        .expect("a recording along a path");
+    assert_eq!(
+        (&along["data"]["cycles"], &along["data"]["streams"][1]["name"]),
+        (&4.into(), &"Y.LOAD".into())
+    );
+}
+
+#[test]
+fn a_check_names_code_and_place_of_what_is_wrong() {
+    let place = Place::new();
+    let around = |functions: &str| format!("O1\nG21 G90 G54\n{functions}\nG0 X10.\nM30\n");
+    for (functions, code, line) in [
+        ("(trace:1 stop_sensor_recording its_function_id=1)", "T-01", 3),
+        (
+            "(trace:1 start_tool_logging its_function_id=1)\n(trace:1 start_tool_logging its_function_id=1)",
+            "T-02",
+            4,
+        ),
+        (
+            "(trace:1 start_synchronized_action its_id=1 its_mode_scope=ALL its_frequency=WHEN its_condition=\"humidity > 3\" its_actions=\"get_time\")",
+            "T-06",
+            3,
+        ),
+        ("(trace:1 get_drive_load its_axis=X its_variable=sensor:X.LOAD)", "T-07", 3),
+        (
+            "(trace:1 start_synchronized_action its_id=1 its_mode_scope=ALL its_actions=\"stop_tool_logging its_function_id=1\")",
+            "T-08",
+            3,
+        ),
+        ("(trace:1 read_sensor_value its_sensor=coolant_flow required=ON)", "T-05", 3),
+        ("G81 X1. Z-1. R1. F100.\n(trace:1 get_time)\nG80", "T-12", 4),
+    ] {
+        let file = place.program("bad.nc", &around(functions));
+        let checked = place.json(&["check", &file]);
+        let fails: Vec<String> = checked["checks"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .filter(|c| c["state"] == "fail")
+            .filter_map(|c| c["text"].as_str().map(str::to_owned))
+            .collect();
+        let place_of = format!("bad.nc:{line}:");
+        assert!(
+            fails.iter().any(|text| text.contains(&place_of)) && (code == "T-12" || fails.iter().any(|text| text.contains(code))),
+            "{code}: {fails:?}"
+        );
+        let run = place.run(&["run", &file, "--fast"]);
+        assert_eq!(run.status.code(), Some(1), "{code}: nothing is moved");
+    }
+    let file = place.program(
+        "odd.nc",
+        &around("(trace:1 paint_part colour=red)\n(trace:1 get_time its_lable=x)"),
+    );
+    let checked = place.json(&["check", &file]).to_string();
+    assert!(
+        checked.contains("paint_part") && checked.contains("is kept and shown"),
+        "{checked}"
+    );
+    assert!(
+        checked.contains("odd.nc:4:19") && checked.contains("write its_label"),
+        "{checked}"
+    );
+}
+
+#[test]
+fn actions_of_the_table_are_what_the_manual_says() {
+    // A function line in the manual's examples is what it says it is.
+    for function in FUNCTIONS {
+        let parsed = parse(function.example).expect("an example is read");
+        assert_ne!(parsed.call, Call::Unknown, "{}", function.name);
+    }
+}

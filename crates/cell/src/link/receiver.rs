@@ -1,0 +1,553 @@
+//! The controller's side of the link: who may drive the machine, what came, and what is told.
+//!
+//! It runs in the tasks that receive and send. What it hands to the realtime thread are [`Order`]s and [`UrgentOrder`]s; what it hears
+//! from there are reports and the follower's account.
+
+use super::error::LinkError;
+use super::wire::{Came, Wired};
+use machine::link::message::{
+    AXES, BLOCK, BlockHead, HEARTBEAT, Hello, ReportsHead, SILENCE, SenderHeartbeat, TAIL, UNITS, Welcome,
+};
+use machine::link::{Entry, Kind, LimitsHash, Name, Order, PlanId, Reader, Refusal, Status, Urgent, UrgentOrder, Wire};
+use machine::{Command, MachineParameters, Quality, Report, State};
+use std::collections::{BTreeMap, VecDeque};
+use units::Tick;
+
+/// A number for a connection, given by the shell; none that is in use.
+pub type Connection = u32;
+
+/// After this many cycles without its holder the lease is free, if the machine does nothing.
+pub const LEASE: u64 = 5_000;
+/// Reports that are kept for a sender that is away: eight seconds.
+const KEPT_REPORTS: usize = 8_192;
+/// Reports in one frame at most.
+const REPORTS_IN_A_FRAME: usize = 64;
+/// Orders that wait for the realtime thread before bytes are left in the socket.
+const WAITING_ORDERS: usize = 2_048;
+
+/// What the machine says of itself.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MachineCard {
+    /// Its name.
+    pub name: String,
+    /// What its measurements are worth.
+    pub quality: Quality,
+    /// Its limits.
+    pub limits: LimitsHash,
+    /// Reports that are sent together; 1 sends each at once.
+    pub batch: usize,
+}
+
+impl MachineCard {
+    /// The card of a machine; ten reports go together.
+    pub fn new(name: &str, quality: Quality, parameters: &MachineParameters) -> Self {
+        MachineCard {
+            name: name.to_owned(),
+            quality,
+            limits: LimitsHash::of(parameters),
+            batch: 10,
+        }
+    }
+}
+
+/// Something for the controller's log.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Notice {
+    /// A sender has the lease now.
+    Taken {
+        /// Who.
+        name: String,
+        /// It goes on with what it began before.
+        continues: bool,
+    },
+    /// A sender was turned away.
+    Refused {
+        /// Who.
+        name: String,
+        /// Why.
+        why: Refusal,
+    },
+    /// A connection was given up.
+    Closed {
+        /// Which.
+        connection: Connection,
+        /// Why.
+        why: LinkError,
+    },
+    /// The holder of the lease is silent or has gone: the machine was asked to stop on the path.
+    Lost {
+        /// Who.
+        name: String,
+    },
+    /// It is done and the lease is free.
+    Done {
+        /// Who.
+        name: String,
+    },
+}
+
+impl std::fmt::Display for Notice {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Notice::Taken { name, continues: false } => write!(f, "'{name}' drives the machine"),
+            Notice::Taken { name, continues: true } => write!(f, "'{name}' is back"),
+            Notice::Refused { name, why } => write!(f, "'{name}' was refused: {why}"),
+            Notice::Closed { connection, why } => write!(f, "connection {connection} was closed: {why}"),
+            Notice::Lost { name } => write!(f, "'{name}' is silent: controlled stop"),
+            Notice::Done { name } => write!(f, "'{name}' is done"),
+        }
+    }
+}
+
+/// What was counted since the controller started.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ReceiverCounts {
+    /// Blocks taken.
+    pub blocks: u64,
+    /// Frames that came twice and were passed over.
+    pub duplicates: u64,
+    /// Connections given up because of what came on them.
+    pub broken: u64,
+    /// Times the link was lost.
+    pub losses: u64,
+}
+
+/// Who may write.
+#[derive(Clone, Debug)]
+struct Lease {
+    name: Name,
+    plan: PlanId,
+    session: u32,
+    connection: Option<Connection>,
+    heard: Tick,
+    lost: bool,
+}
+
+#[derive(Clone, Debug)]
+struct Side {
+    wired: Wired,
+    out: Vec<u8>,
+    greeted: bool,
+    closing: bool,
+}
+
+/// The controller's side of the link.
+#[derive(Clone, Debug)]
+pub struct LinkReceiver {
+    card: MachineCard,
+    sides: BTreeMap<Connection, Side>,
+    lease: Option<Lease>,
+    sessions: u32,
+    orders: VecDeque<Order>,
+    urgent: VecDeque<UrgentOrder>,
+    /// What comes next: epoch, entry, time stamp.
+    epoch: u32,
+    wanted: u64,
+    cycle: u64,
+    reports: VecDeque<Report>,
+    /// Number of the oldest kept report, and of the next to be sent.
+    first_report: u64,
+    next_report: u64,
+    lost_reports: u64,
+    status: Status,
+    state: State,
+    standing: bool,
+    notices: VecDeque<Notice>,
+    counts: ReceiverCounts,
+}
+
+impl LinkReceiver {
+    /// A controller that nobody has connected to.
+    pub fn new(card: MachineCard) -> Self {
+        LinkReceiver {
+            card,
+            sides: BTreeMap::new(),
+            lease: None,
+            sessions: 0,
+            orders: VecDeque::new(),
+            urgent: VecDeque::new(),
+            epoch: 0,
+            wanted: 0,
+            cycle: 0,
+            reports: VecDeque::new(),
+            first_report: 0,
+            next_report: 0,
+            lost_reports: 0,
+            status: Status {
+                needs_resume: true,
+                ..Status::default()
+            },
+            state: State::Off,
+            standing: true,
+            notices: VecDeque::new(),
+            counts: ReceiverCounts::default(),
+        }
+    }
+
+    /// Somebody connected.
+    pub fn connected(&mut self, connection: Connection, now: Tick) {
+        let side = Side {
+            wired: Wired::new(now),
+            out: Vec::new(),
+            greeted: false,
+            closing: false,
+        };
+        self.sides.insert(connection, side);
+    }
+
+    /// Bytes came. What is wrong with them closes the connection ([`LinkReceiver::output`] says so) and is a [`Notice`].
+    pub fn receive(&mut self, connection: Connection, now: Tick, bytes: &[u8]) {
+        let Some(mut side) = self.sides.remove(&connection) else {
+            return;
+        };
+        let mut bytes = bytes;
+        while !side.closing {
+            let came = match side.wired.next(now, &mut bytes) {
+                Ok(None) => break,
+                Ok(Some(came)) => self.frame(connection, now, &mut side, &came),
+                Err(error) => Err(error),
+            };
+            if let Err(why) = came {
+                self.counts.broken += 1;
+                side.closing = true;
+                self.notices.push_back(Notice::Closed { connection, why });
+            }
+        }
+        self.sides.insert(connection, side);
+    }
+
+    /// The connection is gone.
+    pub fn disconnected(&mut self, connection: Connection, _now: Tick) {
+        if let Some(side) = self.sides.remove(&connection) {
+            self.counts.duplicates += side.wired.duplicates;
+        }
+        if let Some(lease) = self.lease.as_mut().filter(|l| l.connection == Some(connection)) {
+            lease.connection = None;
+        }
+    }
+
+    /// True while bytes of this connection are taken; false: leave them in the socket, the realtime thread has enough.
+    pub fn reads(&self, connection: Connection) -> bool {
+        self.orders.len() < WAITING_ORDERS && self.sides.get(&connection).is_some_and(|s| !s.closing)
+    }
+
+    /// Lets time pass: a silent holder of the lease is a lost link.
+    pub fn pass(&mut self, now: Tick) {
+        let Some(lease) = &mut self.lease else { return };
+        if let Some(side) = lease.connection.and_then(|c| self.sides.get(&c)) {
+            lease.heard = side.wired.heard;
+        }
+        if !lease.lost && now.0.saturating_sub(lease.heard.0) > SILENCE {
+            lease.lost = true;
+            self.counts.losses += 1;
+            self.urgent.push_back(UrgentOrder::LinkLost);
+            self.notices.push_back(Notice::Lost {
+                name: lease.name.text().to_owned(),
+            });
+            if let Some(connection) = lease.connection.take()
+                && let Some(side) = self.sides.get_mut(&connection)
+            {
+                side.closing = true;
+                self.notices.push_back(Notice::Closed {
+                    connection,
+                    why: LinkError::Silent,
+                });
+            }
+        }
+    }
+
+    /// Appends what is to be written to this connection. False: write it and close.
+    pub fn output(&mut self, connection: Connection, now: Tick, out: &mut Vec<u8>) -> bool {
+        let Some(mut side) = self.sides.remove(&connection) else {
+            return false;
+        };
+        out.append(&mut side.out);
+        let leads = self.lease.as_ref().is_some_and(|l| l.connection == Some(connection));
+        if leads && !side.closing {
+            self.tell_reports(now, &mut side, out);
+            if now.0.saturating_sub(side.wired.spoke.0) >= HEARTBEAT {
+                let status = self.told_status();
+                side.wired.send(now, Kind::Heartbeat, out, |to| status.write(to));
+            }
+        }
+        let open = !side.closing;
+        self.sides.insert(connection, side);
+        open
+    }
+
+    /// The next order for the realtime thread.
+    pub fn order(&mut self) -> Option<Order> {
+        self.orders.pop_front()
+    }
+
+    /// An order found no place: it is the next again.
+    pub fn give_back(&mut self, order: Order) {
+        self.orders.push_front(order);
+    }
+
+    /// The next order that does not wait behind others.
+    pub fn urgent(&mut self) -> Option<UrgentOrder> {
+        self.urgent.pop_front()
+    }
+
+    /// The realtime thread has made a cycle: its report, translated, and the follower's account.
+    pub fn reported(&mut self, report: Report, status: Status) {
+        self.state = report.state;
+        self.standing = report.idle || report.state.needs_a_person();
+        self.status = status;
+        if self.lease.as_ref().is_none_or(|l| l.session != status.session) {
+            // It is of nobody's run, or of the one before: nobody's record has a gap.
+            self.first_report += self.reports.len() as u64 + 1;
+            self.reports.clear();
+            self.next_report = self.first_report;
+            return;
+        }
+        self.reports.push_back(report);
+        if self.reports.len() > KEPT_REPORTS {
+            self.reports.pop_front();
+            self.first_report += 1;
+            self.lost_reports += 1;
+            self.next_report = self.next_report.max(self.first_report);
+        }
+    }
+
+    /// Reports that the realtime thread could not hand over: a gap in the record.
+    pub fn reports_lost(&mut self, count: u64) {
+        self.lost_reports += count;
+    }
+
+    /// The next thing for the log.
+    pub fn notice(&mut self) -> Option<Notice> {
+        self.notices.pop_front()
+    }
+
+    /// What was counted.
+    pub fn counts(&self) -> ReceiverCounts {
+        let open: u64 = self.sides.values().map(|s| s.wired.duplicates).sum();
+        ReceiverCounts {
+            duplicates: self.counts.duplicates + open,
+            ..self.counts
+        }
+    }
+
+    /// Who drives the machine.
+    pub fn holder(&self) -> Option<&str> {
+        self.lease.as_ref().map(|l| l.name.text())
+    }
+}
+
+/// What came.
+impl LinkReceiver {
+    fn frame(&mut self, connection: Connection, now: Tick, side: &mut Side, came: &Came) -> Result<(), LinkError> {
+        if !side.greeted {
+            return match came.header.kind {
+                Kind::Hello => self.hello(connection, now, side, &came.message()?),
+                _ => Err(LinkError::Rules("a connection begins with a hello")),
+            };
+        }
+        if came.header.session != side.wired.session {
+            return Err(LinkError::Rules("a frame of another session"));
+        }
+        match came.header.kind {
+            Kind::Block => self.block(came),
+            Kind::Urgent => {
+                let urgent = came.message()?;
+                if let Urgent::Resume { epoch, .. } = urgent {
+                    (self.epoch, self.wanted, self.cycle) = (epoch, 0, 0);
+                    self.orders.clear();
+                }
+                self.urgent.push_back(UrgentOrder::Urgent(urgent));
+                Ok(())
+            }
+            Kind::Heartbeat => {
+                let SenderHeartbeat { reports } = came.message()?;
+                self.forget_reports(reports);
+                Ok(())
+            }
+            Kind::Goodbye => {
+                side.closing = true;
+                if let Some(lease) = self.lease.take() {
+                    self.urgent.push_back(UrgentOrder::LinkLost);
+                    self.notices.push_back(Notice::Done {
+                        name: lease.name.text().to_owned(),
+                    });
+                }
+                Ok(())
+            }
+            Kind::Hello => Err(LinkError::Rules("a second hello on one connection")),
+            Kind::Welcome | Kind::Refusal | Kind::Reports => Err(LinkError::Rules("only a controller sends such a frame")),
+        }
+    }
+
+    fn hello(&mut self, connection: Connection, now: Tick, side: &mut Side, hello: &Hello) -> Result<(), LinkError> {
+        if let Some(why) = self.objection(now, hello) {
+            side.wired.send(now, Kind::Refusal, &mut side.out, |to| why.write(to));
+            side.closing = true;
+            self.notices.push_back(Notice::Refused {
+                name: hello.name.text().to_owned(),
+                why,
+            });
+            return Ok(());
+        }
+        let before = self.lease.take();
+        if let Some(old) = before.as_ref().and_then(|l| l.connection)
+            && let Some(side) = self.sides.get_mut(&old)
+        {
+            side.closing = true;
+        }
+        let continues = before
+            .as_ref()
+            .is_some_and(|l| l.session == hello.session && hello.session != 0);
+        let plan_before = before.as_ref().map_or(PlanId::default(), |l| l.plan);
+        if continues {
+            self.urgent.push_back(UrgentOrder::LinkBack);
+            // It says what it has; the rest is sent again.
+            self.forget_reports(hello.reports);
+        } else {
+            self.sessions += 1;
+            self.urgent.push_back(UrgentOrder::NewSession {
+                session: self.sessions,
+                same_plan: plan_before == hello.plan,
+            });
+            self.orders.clear();
+            // What was reported to the one before and not taken by it is lost to the record: of its own plan it shall hear so.
+            let untaken = self.reports.len() as u64;
+            self.forget_reports(u64::MAX);
+            self.lost_reports = if plan_before == hello.plan { untaken } else { 0 };
+        }
+        self.next_report = self.first_report;
+        let session = if continues { hello.session } else { self.sessions };
+        self.lease = Some(Lease {
+            name: hello.name,
+            plan: hello.plan,
+            session,
+            connection: Some(connection),
+            heard: now,
+            lost: false,
+        });
+        side.greeted = true;
+        side.wired.session = session;
+        let mut status = self.told_status();
+        status.needs_resume |= !continues;
+        let welcome = Welcome {
+            machine: Name::new(&self.card.name),
+            quality: self.card.quality,
+            limits: self.card.limits,
+            session,
+            plan: plan_before,
+            continues,
+            epoch: self.epoch,
+            wanted: self.wanted,
+            status,
+        };
+        side.wired.send(now, Kind::Welcome, &mut side.out, |to| welcome.write(to));
+        self.notices.push_back(Notice::Taken {
+            name: hello.name.text().to_owned(),
+            continues,
+        });
+        Ok(())
+    }
+
+    /// Why a sender is not taken.
+    fn objection(&self, now: Tick, hello: &Hello) -> Option<Refusal> {
+        if hello.units != UNITS || hello.axes != AXES {
+            return Some(Refusal::Units);
+        }
+        if hello.limits != self.card.limits {
+            return Some(Refusal::Limits {
+                machine: Name::new(&self.card.name),
+                limits: self.card.limits,
+            });
+        }
+        let lease = self.lease.as_ref()?;
+        let side = lease.connection.and_then(|c| self.sides.get(&c));
+        let heard = side.map_or(lease.heard, |s| s.wired.heard);
+        let silent_for = now.0.saturating_sub(heard.0);
+        let gone = side.is_none_or(|s| s.closing) || silent_for > SILENCE;
+        let itself = hello.session != 0 && hello.session == lease.session;
+        // A sender that was started again has the same name and plan, and no session.
+        let again = hello.name == lease.name && hello.plan == lease.plan;
+        let free = gone && (itself || again || (silent_for > LEASE && self.standing));
+        (!free).then_some(Refusal::Busy { holder: lease.name })
+    }
+
+    fn block(&mut self, came: &Came) -> Result<(), LinkError> {
+        let mut reader = Reader::new(&came.payload);
+        let wrong = |error| came.wrong(error);
+        let head = BlockHead::read(&mut reader).map_err(wrong)?;
+        if usize::from(head.body) > BLOCK || usize::from(head.tail) > TAIL {
+            return Err(LinkError::Rules("a block is longer than blocks are"));
+        }
+        // All of it is read before any of it is used.
+        let mut entries = Vec::with_capacity(usize::from(head.body) + usize::from(head.tail));
+        for _ in 0..head.body + head.tail {
+            entries.push(Entry::read(&mut reader).map_err(wrong)?);
+        }
+        reader.end().map_err(wrong)?;
+        if head.epoch != self.epoch {
+            // On its way when the sender began anew.
+            return Ok(());
+        }
+        if head.first != self.wanted || head.cycle != self.cycle {
+            return Err(LinkError::Rules("a block does not follow the one before"));
+        }
+        // A tail that has not been handed over yet has given way already.
+        while matches!(self.orders.back(), Some(Order::Tail { .. })) {
+            self.orders.pop_back();
+        }
+        let epoch = head.epoch;
+        let (body, tail) = entries.split_at(usize::from(head.body));
+        self.orders.push_back(Order::Block {
+            epoch,
+            first: head.first,
+        });
+        self.orders.extend(body.iter().map(|&entry| Order::Body { epoch, entry }));
+        self.orders.extend(tail.iter().map(|&entry| Order::Tail { epoch, entry }));
+        self.wanted += body.len() as u64;
+        self.cycle += body.iter().filter(|e| matches!(e.command, Command::SetPoint(_))).count() as u64;
+        self.counts.blocks += 1;
+        Ok(())
+    }
+}
+
+/// What is told.
+impl LinkReceiver {
+    fn told_status(&self) -> Status {
+        Status {
+            reports: self.next_report,
+            lost_reports: self.lost_reports,
+            ..self.status
+        }
+    }
+
+    fn tell_reports(&mut self, now: Tick, side: &mut Side, out: &mut Vec<u8>) {
+        loop {
+            let from = (self.next_report - self.first_report) as usize;
+            let waiting = self.reports.len().saturating_sub(from);
+            if waiting < self.card.batch.max(1) {
+                return;
+            }
+            let count = waiting.min(REPORTS_IN_A_FRAME);
+            let head = ReportsHead {
+                status: self.told_status(),
+                first: self.next_report,
+                count: count as u16,
+            };
+            side.wired.send(now, Kind::Reports, out, |to| {
+                head.write(to);
+                self.reports.range(from..from + count).for_each(|report| report.write(to));
+            });
+            self.next_report += count as u64;
+        }
+    }
+
+    /// The sender has the reports below this number.
+    fn forget_reports(&mut self, below: u64) {
+        let has = below.min(self.first_report + self.reports.len() as u64);
+        while self.first_report < has {
+            self.reports.pop_front();
+            self.first_report += 1;
+        }
+        self.next_report = self.next_report.max(self.first_report);
+    }
+}

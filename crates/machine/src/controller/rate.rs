@@ -1,0 +1,235 @@
+//! How fast time runs along the path: holds, stops, a queue that runs dry, and the overrides.
+//!
+//! With s(t) the plan and tau the time along it, the machine is at s(tau), dtau/dt = `rate`. Of an axis q:
+//! v = q' rate, a = q'' rate^2 + q' rate', j = q''' rate^3 + 3 q'' rate rate' + q' rate''. The plan keeps its limits at rate 1, so any
+//! constant rate below it does, and what a change may take is what is left of them.
+
+use super::*;
+use crate::follow::follow;
+
+/// Part of an axis's acceleration that a rise of the rate may always use: beside a plan that uses all of it, it would never be 1 again.
+const LEAST_RISE: f64 = 0.02;
+/// A rate this near to what is wanted is it.
+const SAME_RATE: f64 = 1e-6;
+/// Set-points ahead that are looked at for what bends soon, cycles: the time in which a change of the rate can be taken back.
+const BENDS_AHEAD: usize = 24;
+/// Part of the axes' jerk with which a change of the rate is begun and taken back; the rest is for the bends of the plan.
+const JERK_SHARE: f64 = 0.6;
+/// What is tried, from the fastest change (0) towards taking it back (1).
+const TRIED: [f64; 3] = [0.0, 0.4, 0.8];
+/// Times the limits of an axis that a change of the rate may use: where the plan uses all of them a hold could not begin otherwise.
+const OVER: f64 = 1.05;
+
+impl Controller {
+    /// Chooses the rate for the end of the coming cycle; gives that of its beginning.
+    pub(super) fn choose_rate(&mut self) -> f64 {
+        let planned = self.planned();
+        let speed = length(planned.velocity);
+        let short = self.is_short(speed);
+        if short && let Some((_, cause)) = self.barrier {
+            self.happen(Event::Stop(cause));
+        }
+        let starved = short && self.state == State::Running;
+        let slowed = starved && speed > 0.0;
+        self.counters.starved_ticks += u64::from(slowed);
+        self.counters.starvations += u64::from(slowed && !self.starving);
+        self.starving = slowed;
+        let target = match self.state {
+            State::Running if !starved => self.wanted_rate(),
+            // A hold waits for the end of a thread; a stop does not.
+            State::Holding if !short && self.is_threading() => self.wanted_rate(),
+            _ => 0.0,
+        };
+        // At rest any rate is as good as another: nothing jumps.
+        if self.standing && self.fraction == 0.0 && is_rest(&self.here) {
+            (self.rate, self.rate_change) = (target, 0.0);
+            return target;
+        }
+        let before = self.rate;
+        let mut change = self.next_change(&planned, target);
+        if short && target == 0.0 {
+            // There is this much path and no more.
+            change = change.min(-self.needed_fall());
+        }
+        let after = before + change * TICK.0;
+        (self.rate, self.rate_change) = match after {
+            _ if (after - target).abs() <= SAME_RATE => (target, 0.0),
+            ..0.0 => (0.0, 0.0),
+            1.0.. => (1.0, 0.0),
+            _ => (after, change),
+        };
+        before
+    }
+
+    /// The rate that the overrides ask for here. Never above 1: a plan is as fast as the axes can; for more the office plans anew.
+    pub(super) fn wanted_rate(&self) -> f64 {
+        let Some(next) = self.next_set_point() else {
+            return 1.0;
+        };
+        if next.is_locked() {
+            return 1.0;
+        }
+        let share = if next.rapid {
+            self.overrides.rapid_fraction()
+        } else {
+            self.overrides.feed_fraction()
+        };
+        (share / next.planned_override).min(1.0)
+    }
+
+    /// The next rate': towards the wanted rate as fast as the axes can.
+    fn next_change(&self, planned: &Planned, target: f64) -> f64 {
+        let mut jerk = 1.0 / (TICK.0 * TICK.0);
+        let (mut fall, mut rise) = (1.0 / TICK.0, 1.0 / TICK.0);
+        for (k, axis) in self.parameters.axes.iter().enumerate() {
+            let v = planned.velocity[k].abs();
+            if v > 1e-9 {
+                // The acceleration of the plan, positive along the motion.
+                let along = self.rate * self.rate * planned.acceleration[k] * planned.velocity[k].signum();
+                jerk = jerk.min(JERK_SHARE * axis.j_max.0 / v);
+                fall = fall.min(((axis.a_max.0 + along) / v).max(0.0));
+                rise = rise.min(((axis.a_max.0 - along) / v).max(LEAST_RISE * axis.a_max.0 / v));
+            }
+            if self.is_jerky {
+                // Nothing can be foreseen; where it bends, the bend changes with the rate: |3 q'' rate rate'| <= j.
+                let bend = 3.0 * self.bend_ahead(k, planned) * self.rate;
+                fall = fall.min(axis.j_max.0 / bend);
+                rise = rise.min(axis.j_max.0 / bend);
+            }
+        }
+        let fastest = follow((self.rate, self.rate_change), target, (-fall, rise), jerk, TICK.0);
+        if self.is_jerky {
+            return fastest;
+        }
+        let back = taken_back(self.rate_change, jerk);
+        let between = |part: f64| fastest + (back - fastest) * part;
+        let possible = |change: &f64| self.can_be_taken_back(*change);
+        let chosen = TRIED.into_iter().map(between).find(possible).unwrap_or(back);
+        within(chosen, -fall, rise)
+    }
+
+    /// Whether rate' may become `change` now: whether it can be taken back from there with every axis within its limits all the way. Where that was true once it stays true, because taking it back stays possible.
+    fn can_be_taken_back(&self, change: f64) -> bool {
+        let (mut rate, mut before, mut change) = (self.rate, self.rate_change, change);
+        let mut at = self.fraction;
+        let mut here = &self.here;
+        let mut path = (0..self.ahead()).map_while(|index| match self.queue.get(index) {
+            Some(command) if needs_rest(command) => None,
+            other => other,
+        });
+        let mut set_points = path.by_ref().filter_map(|command| match command {
+            Command::SetPoint(s) => Some(s),
+            _ => None,
+        });
+        let Some(mut next) = set_points.next() else {
+            return true;
+        };
+        loop {
+            let middle = rate + change * TICK.0 / 2.0;
+            let after = rate + change * TICK.0;
+            // The rate ends at 0 and at 1, whatever it changes by.
+            let ends = change != 0.0 && !(0.0..=1.0).contains(&after);
+            let jerk_of_rate = (change - before) / TICK.0;
+            let mut jerk = 1.0 / (TICK.0 * TICK.0);
+            for (k, axis) in self.parameters.axes.iter().enumerate() {
+                let (a_max, j_max) = (axis.a_max.0 * OVER, axis.j_max.0 * OVER);
+                let (v, a) = (here.velocity[k], here.acceleration[k]);
+                let own = (next.acceleration[k] - a) / TICK.0;
+                // A plan without a limit of jerk is not to blame on the rate.
+                let own = if own.abs() > j_max {
+                    0.0
+                } else {
+                    own * middle * middle * middle
+                };
+                let bend = 3.0 * a * middle * change;
+                if (a * middle * middle + v * change).abs() > a_max || (own + bend + v * jerk_of_rate).abs() > j_max {
+                    return false;
+                }
+                if ends && (v * change / TICK.0).abs() > j_max * JERK_SHARE {
+                    return false;
+                }
+                if v.abs() > 1e-9 {
+                    jerk = jerk.min(JERK_SHARE * axis.j_max.0 / v.abs());
+                }
+            }
+            if change == 0.0 || ends {
+                return true;
+            }
+            at += middle;
+            while at >= 1.0 {
+                at -= 1.0;
+                here = next;
+                next = match set_points.next() {
+                    Some(s) => s,
+                    None => return true,
+                };
+            }
+            rate = after;
+            before = change;
+            change = taken_back(change, jerk);
+        }
+    }
+
+    /// The largest acceleration of an axis in the plan from here on for a little while, mm/s^2.
+    fn bend_ahead(&self, axis: usize, planned: &Planned) -> f64 {
+        let ahead = (0..BENDS_AHEAD).map_while(|index| self.queue.get(index));
+        ahead.fold(planned.acceleration[axis].abs(), |most, command| match command {
+            Command::SetPoint(s) => most.max(s.acceleration[axis].abs()),
+            _ => most,
+        })
+    }
+
+    /// How the rate has to fall to be 0 on what is left of the path, 1/s: from r at a constant fall it takes r^2 / (2 fall) of planned time.
+    fn needed_fall(&self) -> f64 {
+        let left = self.ahead() as f64 - 2.0 - self.fraction;
+        self.rate * self.rate / (2.0 * left.max(0.5) * TICK.0)
+    }
+
+    /// Queued commands that may be executed.
+    fn ahead(&self) -> usize {
+        self.barrier.map_or(self.queue.len(), |(index, _)| index)
+    }
+
+    /// True when so few set-points are left that the machine has to slow down now to stop on them.
+    pub(super) fn is_short(&self, speed: f64) -> bool {
+        let ahead = self.ahead();
+        let needed = self.stopping_cycles(speed) + LEAST_AHEAD;
+        if ahead as f64 >= needed || (ahead == 0 && self.barrier.is_none() && self.resting(&self.here)) {
+            return false;
+        }
+        // Few, but the path comes to rest by itself: not at a slow set-point from which it speeds up.
+        let speed_at = |index: Option<usize>| match index.map(|i| self.queue.get(i)) {
+            None => length(self.here.velocity),
+            Some(Some(Command::SetPoint(s))) => length(s.velocity),
+            Some(_) => 0.0,
+        };
+        let rests = |index: usize| match self.queue.get(index) {
+            Some(Command::SetPoint(s)) => self.resting(s) && speed_at(index.checked_sub(1)) >= length(s.velocity),
+            Some(command) => needs_rest(command),
+            None => false,
+        };
+        let at_rest_already = self.resting(&self.here) && self.next_set_point().is_none();
+        let comes_to_rest = (0..ahead).rev().any(rests) || at_rest_already;
+        !comes_to_rest
+    }
+
+    /// Planned cycles that a stop from the present rate may pass over, where the plan's speed is this, mm/s.
+    fn stopping_cycles(&self, speed: f64) -> f64 {
+        let weakest = |limit: fn(&AxisParameters) -> f64| self.parameters.axes.iter().map(limit).fold(f64::INFINITY, f64::min);
+        let (a, j) = (weakest(|x| x.a_max.0), weakest(|x| x.j_max.0));
+        let v = self.rate * speed;
+        // At constant deceleration r^2 v / (2 a), twice that for bends; with the jerk half of r (v / a + a / j), and a quarter more.
+        let time = if v >= a * a / j {
+            v / a + a / j
+        } else {
+            2.0 * libm::sqrt(v / j)
+        };
+        self.rate * (v / a).max(0.625 * time) / TICK.0
+    }
+}
+
+/// A rate' on its way back to 0 by `jerk` each second.
+fn taken_back(change: f64, jerk: f64) -> f64 {
+    let left = change.abs() - jerk * TICK.0;
+    if left > 0.0 { left.copysign(change) } else { 0.0 }
+}

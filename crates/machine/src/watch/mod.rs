@@ -1,0 +1,540 @@
+//! Watches: conditions of a program, evaluated in every servo cycle without an allocator, and what the machine does at once about them.
+//!
+//! They are loaded before the program starts ([`Watches::load`]: bounded, checked, never again questioned), started and stopped by
+//! [`WatchOrder`]s in order with the path, and evaluated in the order in which they were started. What a watch does to the machine (an
+//! alarm and its reaction) happens here, in the same cycle; what it records is the office half's, which hears of each firing.
+//!
+//! Read on: [`signal`] for what can be looked at, [`condition`] for the operations.
+
+pub mod condition;
+pub mod signal;
+
+pub use condition::{BadCondition, Operation, Relation};
+pub use signal::{Mode, NO_SENSOR, Readings, SIGNALS, Signal, Situation, WatchCost, signal};
+
+use crate::Ring;
+use condition::{Packed, evaluate};
+use units::{StepId, Tick};
+
+/// Highest number of an alarm of a program.
+pub const MOST_ALARMS: u16 = 999;
+/// Alarms that one watch may set or clear.
+pub const ALARMS_OF_A_WATCH: usize = 4;
+/// Firings that wait for the office half at most.
+pub const FIRINGS: usize = 1024;
+/// Of those, places that only a watch with an alarm gets: when there is no room for all, what is only recorded goes first.
+pub const RESERVED: usize = 128;
+/// Different numbers in all conditions together.
+pub const CONSTANTS: usize = 8192;
+/// The conditions of one machine.
+pub const CONDITIONS: usize = 4096;
+/// Operations of all of them.
+pub const OPERATIONS: usize = 24_576;
+
+/// When a watch fires.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Frequency {
+    /// In every cycle; it has no condition.
+    #[default]
+    NoKeyword,
+    /// In every cycle in which the condition is true.
+    Whenever,
+    /// From the first such cycle on.
+    FromFirst,
+    /// In the first such cycle; then the condition is no longer checked.
+    WhenOnce,
+    /// In each cycle in which it becomes true.
+    EveryEdge,
+}
+
+/// What the machine does at an alarm.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Reaction {
+    /// Nothing.
+    #[default]
+    None,
+    /// A hold where the present operation ends.
+    StopAfterOperation,
+    /// A hold now.
+    FeedHold,
+    /// A controlled stop now.
+    StopNow,
+}
+
+/// What ends an alarm besides the program.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ResetBy {
+    /// Nothing.
+    Function,
+    /// Cycle start, or a reset.
+    #[default]
+    Acknowledge,
+    /// A reset.
+    Reset,
+}
+
+/// What is done to an alarm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AlarmOrder {
+    /// It is set; one that is set stays as it is.
+    Set {
+        /// 1 to 999.
+        alarm: u16,
+        /// What the machine does.
+        reaction: Reaction,
+        /// What ends it.
+        reset_by: ResetBy,
+    },
+    /// It is cleared.
+    Clear {
+        /// 1 to 999.
+        alarm: u16,
+    },
+}
+
+/// What a program says to its watches, in order with the path. Takes no time and needs no rest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WatchOrder {
+    /// Start the watch with this number.
+    Start(u16),
+    /// Stop it.
+    Stop(u16),
+    /// Do something to an alarm.
+    Alarm(AlarmOrder),
+    /// An operation begins here.
+    OperationBegins,
+    /// It ends.
+    OperationEnds,
+}
+
+/// A watch as it is loaded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Watch<'w> {
+    /// When it fires.
+    pub frequency: Frequency,
+    /// It goes on when the program is over, and in every mode; else only while a program runs in automatic.
+    pub all_modes: bool,
+    /// Its condition; empty with [`Frequency::NoKeyword`].
+    pub condition: &'w [Operation],
+    /// What it does to alarms, at most [`ALARMS_OF_A_WATCH`].
+    pub alarms: &'w [AlarmOrder],
+}
+
+/// Why a watch is not loaded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LoadError {
+    /// Its condition cannot be evaluated in every cycle.
+    Condition(BadCondition),
+    /// There is no place for another watch, its operations or its numbers.
+    Full,
+    /// It has a condition and no frequency, or the reverse.
+    Frequency,
+    /// It does more to alarms than [`ALARMS_OF_A_WATCH`], or to one that cannot exist.
+    Alarms,
+}
+
+/// A watch has fired, or could not be decided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Firing {
+    /// The cycle of the condition.
+    pub tick: Tick,
+    /// Which watch.
+    pub watch: u16,
+    /// False when the condition became unknown: a sensor went away. Told once each time.
+    pub known: bool,
+}
+
+/// What one cycle of all watches comes to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Verdict {
+    /// The strongest reaction that is due now.
+    pub reaction: Reaction,
+    /// Operations that were evaluated: what it cost, counted.
+    pub operations: u32,
+}
+
+/// Things that are counted and never only happen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WatchCounters {
+    /// Firings that found no place on their way to the office half.
+    pub lost_firings: u64,
+    /// Orders for watches that are not loaded, already run, or do not run.
+    pub refused_orders: u64,
+}
+
+/// All watches of a machine.
+#[derive(Clone, Debug)]
+pub struct Watches<const CONDITIONS: usize = { self::CONDITIONS }, const OPERATIONS: usize = { self::OPERATIONS }> {
+    slots: [Slot; CONDITIONS],
+    loaded: usize,
+    operations: [Packed; OPERATIONS],
+    used: usize,
+    constants: [f64; CONSTANTS],
+    numbers: usize,
+    /// The numbers of those that run, in the order of their start.
+    running: [u16; CONDITIONS],
+    runs: usize,
+    alarms: Alarms,
+    stop_after_operation: bool,
+    firings: Ring<Firing, FIRINGS>,
+    counters: WatchCounters,
+}
+
+/// One watch.
+#[derive(Clone, Copy, Debug)]
+struct Slot {
+    first: u32,
+    length: u16,
+    frequency: Frequency,
+    all_modes: bool,
+    runs: bool,
+    /// From, When: the condition was true once. Every: it was true in the cycle before.
+    latch: bool,
+    unknown: bool,
+    alarms: [Option<AlarmOrder>; ALARMS_OF_A_WATCH],
+}
+
+const EMPTY: Slot = Slot {
+    first: 0,
+    length: 0,
+    frequency: Frequency::NoKeyword,
+    all_modes: false,
+    runs: false,
+    latch: false,
+    unknown: false,
+    alarms: [None; ALARMS_OF_A_WATCH],
+};
+
+/// A bit for each alarm.
+#[derive(Clone, Copy, Debug, Default)]
+struct Alarms {
+    active: [u64; 16],
+    /// Cycle start ends it.
+    acknowledge: [u64; 16],
+    /// A reset ends it.
+    reset: [u64; 16],
+}
+
+impl Alarms {
+    const fn bit(alarm: u16) -> (usize, u64) {
+        ((alarm as usize >> 6) % 16, 1 << (alarm % 64))
+    }
+    fn is_active(&self, alarm: u16) -> bool {
+        let (word, bit) = Self::bit(alarm);
+        self.active[word] & bit != 0
+    }
+    /// The reaction that is due: none when the alarm was set already.
+    fn obey(&mut self, order: AlarmOrder) -> Reaction {
+        match order {
+            AlarmOrder::Clear { alarm } => {
+                let (word, bit) = Self::bit(alarm);
+                self.active[word] &= !bit;
+                Reaction::None
+            }
+            AlarmOrder::Set { alarm, .. } if self.is_active(alarm) => Reaction::None,
+            AlarmOrder::Set {
+                alarm,
+                reaction,
+                reset_by,
+            } => {
+                let (word, bit) = Self::bit(alarm);
+                self.active[word] |= bit;
+                for (set, by) in [
+                    (&mut self.acknowledge, reset_by == ResetBy::Acknowledge),
+                    (&mut self.reset, reset_by != ResetBy::Function),
+                ] {
+                    set[word] = if by { set[word] | bit } else { set[word] & !bit };
+                }
+                reaction
+            }
+        }
+    }
+    fn end(&mut self, by: fn(&Self) -> &[u64; 16]) {
+        let ended = *by(self);
+        for (active, ended) in self.active.iter_mut().zip(ended) {
+            *active &= !ended;
+        }
+    }
+}
+
+impl<const CONDITIONS: usize, const OPERATIONS: usize> Default for Watches<CONDITIONS, OPERATIONS> {
+    fn default() -> Self {
+        Watches::new()
+    }
+}
+
+/// Before the program.
+impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERATIONS> {
+    /// None.
+    pub const fn new() -> Self {
+        assert!(CONDITIONS <= 1 << 16);
+        Watches {
+            slots: [EMPTY; CONDITIONS],
+            loaded: 0,
+            operations: [const { Packed::NONE }; OPERATIONS],
+            used: 0,
+            constants: [0.0; CONSTANTS],
+            numbers: 0,
+            running: [0; CONDITIONS],
+            runs: 0,
+            alarms: Alarms {
+                active: [0; 16],
+                acknowledge: [0; 16],
+                reset: [0; 16],
+            },
+            stop_after_operation: false,
+            firings: Ring::new(),
+            counters: WatchCounters {
+                lost_firings: 0,
+                refused_orders: 0,
+            },
+        }
+    }
+
+    /// Loads a watch and gives its number. It does not run yet.
+    ///
+    /// # Errors
+    /// Why it cannot be; nothing of it is kept.
+    pub fn load(&mut self, watch: &Watch<'_>) -> Result<u16, LoadError> {
+        if watch.condition.is_empty() != (watch.frequency == Frequency::NoKeyword) {
+            return Err(LoadError::Frequency);
+        }
+        if !watch.condition.is_empty() {
+            condition::check(watch.condition).map_err(LoadError::Condition)?;
+        }
+        let possible = |order: &AlarmOrder| match order {
+            AlarmOrder::Set { alarm, .. } | AlarmOrder::Clear { alarm } => (1..=MOST_ALARMS).contains(alarm),
+        };
+        if watch.alarms.len() > ALARMS_OF_A_WATCH || !watch.alarms.iter().all(possible) {
+            return Err(LoadError::Alarms);
+        }
+        let end = self.used + watch.condition.len();
+        if self.loaded == CONDITIONS || end > OPERATIONS {
+            return Err(LoadError::Full);
+        }
+        let numbers_before = self.numbers;
+        for (at, operation) in watch.condition.iter().enumerate() {
+            let packed = Packed::of(*operation, |value| constant(&mut self.constants, &mut self.numbers, value));
+            match packed {
+                Some(packed) => self.operations[self.used + at] = packed,
+                None => {
+                    self.numbers = numbers_before;
+                    return Err(LoadError::Full);
+                }
+            }
+        }
+        self.slots[self.loaded] = Slot {
+            first: self.used as u32,
+            length: watch.condition.len() as u16,
+            frequency: watch.frequency,
+            all_modes: watch.all_modes,
+            alarms: core::array::from_fn(|k| watch.alarms.get(k).copied()),
+            ..EMPTY
+        };
+        self.used = end;
+        self.loaded += 1;
+        Ok(self.loaded as u16 - 1)
+    }
+
+    /// How many are loaded.
+    pub fn loaded(&self) -> usize {
+        self.loaded
+    }
+}
+
+/// The place of a number among the constants; found again when it is there already, so that a thousand conditions at 80 % need one.
+fn constant(constants: &mut [f64; CONSTANTS], numbers: &mut usize, value: f64) -> Option<u16> {
+    let known = constants[..*numbers]
+        .iter()
+        .rposition(|known| known.to_bits() == value.to_bits());
+    let at = known.unwrap_or(*numbers);
+    *constants.get_mut(at)? = value;
+    *numbers = (*numbers).max(at + 1);
+    u16::try_from(at).ok()
+}
+
+/// While it runs.
+impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERATIONS> {
+    /// Does what the program says; gives the reaction of an alarm that it sets.
+    pub fn obey(&mut self, order: WatchOrder) -> Reaction {
+        match order {
+            WatchOrder::Start(number) => self.start(number),
+            WatchOrder::Stop(number) => self.stop(number),
+            WatchOrder::Alarm(order) => {
+                let reaction = self.alarms.obey(order);
+                return self.react(reaction);
+            }
+            WatchOrder::OperationBegins => {}
+            WatchOrder::OperationEnds => return self.operation_ends(),
+        }
+        Reaction::None
+    }
+
+    /// The present operation is over: a stop that was asked for its end is due.
+    pub fn operation_ends(&mut self) -> Reaction {
+        if core::mem::take(&mut self.stop_after_operation) {
+            Reaction::FeedHold
+        } else {
+            Reaction::None
+        }
+    }
+
+    /// One cycle of all that run, on the values of this cycle.
+    pub fn cycle(&mut self, now: Tick, readings: &Readings, mode: Mode) -> Verdict {
+        let mut verdict = Verdict::default();
+        let values = readings.values();
+        for at in 0..self.runs {
+            let number = self.running[at];
+            let slot = &mut self.slots[usize::from(number)];
+            let over = slot.frequency == Frequency::WhenOnce && slot.latch;
+            if over || (mode != Mode::Automatic && !slot.all_modes) {
+                continue;
+            }
+            let decided = slot.frequency == Frequency::NoKeyword || (slot.frequency == Frequency::FromFirst && slot.latch);
+            let truth = if decided {
+                1.0
+            } else {
+                let first = slot.first as usize;
+                verdict.operations += u32::from(slot.length);
+                let operations = self.operations.get(first..first + usize::from(slot.length)).unwrap_or(&[]);
+                let alarms = &self.alarms;
+                evaluate(operations, &self.constants, values, |alarm| alarms.is_active(alarm))
+            };
+            if truth.is_nan() {
+                if !core::mem::replace(&mut slot.unknown, true) {
+                    self.tell(Firing {
+                        tick: now,
+                        watch: number,
+                        known: false,
+                    });
+                }
+                continue;
+            }
+            slot.unknown = false;
+            let holds = truth == 1.0;
+            let before = slot.latch;
+            let edge = slot.frequency == Frequency::EveryEdge;
+            slot.latch = holds || (before && !edge);
+            if holds && !(edge && before) {
+                let reaction = self.fire(now, number);
+                verdict.reaction = verdict.reaction.max(reaction);
+            }
+        }
+        verdict
+    }
+
+    /// Cycle start: alarms that wait for it are over.
+    pub fn acknowledge(&mut self) {
+        self.alarms.end(|alarms| &alarms.acknowledge);
+    }
+
+    /// A reset: alarms that wait for it are over, and so is the program.
+    pub fn reset(&mut self) {
+        self.alarms.end(|alarms| &alarms.reset);
+        self.program_ends();
+    }
+
+    /// The program is over: so is what belongs to automatic.
+    pub fn program_ends(&mut self) {
+        self.stop_after_operation = false;
+        let mut kept = 0;
+        for at in 0..self.runs {
+            let number = self.running[at];
+            let slot = &mut self.slots[usize::from(number)];
+            if slot.all_modes {
+                self.running[kept] = number;
+                kept += 1;
+            } else {
+                slot.runs = false;
+            }
+        }
+        self.runs = kept;
+    }
+
+    /// The oldest firing that was not taken yet.
+    pub fn firing(&mut self) -> Option<Firing> {
+        self.firings.pop()
+    }
+
+    /// The same, left in place.
+    pub fn next_firing(&self) -> Option<&Firing> {
+        self.firings.front()
+    }
+
+    /// True while the alarm is active.
+    pub fn alarm(&self, alarm: u16) -> bool {
+        self.alarms.is_active(alarm)
+    }
+
+    /// How many run.
+    pub fn running(&self) -> usize {
+        self.runs
+    }
+
+    /// What was counted.
+    pub fn counters(&self) -> WatchCounters {
+        self.counters
+    }
+
+    fn start(&mut self, number: u16) {
+        let at = usize::from(number);
+        if at >= self.loaded || self.slots[at].runs {
+            self.counters.refused_orders += 1;
+            return;
+        }
+        let slot = &mut self.slots[at];
+        (slot.runs, slot.latch, slot.unknown) = (true, false, false);
+        self.running[self.runs] = number;
+        self.runs += 1;
+    }
+
+    fn stop(&mut self, number: u16) {
+        let Some(at) = self.running[..self.runs].iter().position(|running| *running == number) else {
+            self.counters.refused_orders += 1;
+            return;
+        };
+        self.running.copy_within(at + 1..self.runs, at);
+        self.runs -= 1;
+        self.slots[usize::from(number)].runs = false;
+    }
+
+    fn fire(&mut self, now: Tick, watch: u16) -> Reaction {
+        self.tell(Firing {
+            tick: now,
+            watch,
+            known: true,
+        });
+        let mut strongest = Reaction::None;
+        for order in self.slots[usize::from(watch)].alarms.into_iter().flatten() {
+            let reaction = self.alarms.obey(order);
+            strongest = strongest.max(self.react(reaction));
+        }
+        strongest
+    }
+
+    /// What is due now; what is due where the operation ends is kept.
+    fn react(&mut self, reaction: Reaction) -> Reaction {
+        if reaction == Reaction::StopAfterOperation {
+            self.stop_after_operation = true;
+            return Reaction::None;
+        }
+        reaction
+    }
+
+    fn tell(&mut self, firing: Firing) {
+        let alarms = self.slots[usize::from(firing.watch)].alarms[0].is_some();
+        let room = if alarms { 0 } else { RESERVED };
+        if self.firings.free() <= room || self.firings.push(firing).is_err() {
+            self.counters.lost_firings += 1;
+        }
+    }
+}
+
+/// An order with the step that says so, as the controller hands it on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Ordered {
+    /// What is to be done.
+    pub order: WatchOrder,
+    /// The step that says so.
+    pub step: StepId,
+}

@@ -1,0 +1,313 @@
+//! Conditions cycle by cycle: frequencies, scopes, unknown sensors, alarms and their reactions.
+
+use machine::watch::{
+    AlarmOrder, FIRINGS, Frequency, LoadError, Mode, NO_SENSOR, Operation, RESERVED, Reaction, Readings, Relation, ResetBy,
+    Situation, Watch, WatchOrder, signal,
+};
+use machine::{MachineParameters, Phase, Sample, Watches};
+use units::{Tick, WorkingstepId};
+
+type Few = Watches<64, 512>;
+
+/// A machine whose only moving part is the load of X.
+struct Bench {
+    watches: Box<Few>,
+    readings: Readings,
+    machine: MachineParameters,
+    now: u64,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Bench {
+            watches: Box::new(Watches::new()),
+            readings: Readings::new(),
+            machine: MachineParameters::small_machining_centre(),
+            now: 0,
+        }
+    }
+
+    /// One cycle with a load; gives the reaction and which watches fired.
+    fn cycle(&mut self, load: f64, mode: Mode) -> (Reaction, Vec<u16>) {
+        self.now += 1;
+        let sample = Sample {
+            tick: Tick(self.now),
+            load: [load, 0.0, 0.0],
+            workingstep: WorkingstepId(1),
+            phase: Phase::Running,
+            ..Sample::default()
+        };
+        self.readings.take(&sample, &self.machine, Situation::default());
+        let verdict = self.watches.cycle(Tick(self.now), &self.readings, mode);
+        let mut fired = vec![];
+        while let Some(firing) = self.watches.firing() {
+            assert_eq!(firing.tick, Tick(self.now));
+            if firing.known {
+                fired.push(firing.watch);
+            }
+        }
+        (verdict.reaction, fired)
+    }
+}
+
+fn over(percent: f64) -> Vec<Operation> {
+    vec![Operation::Compare(
+        signal("X.LOAD").expect("a signal"),
+        Relation::Greater,
+        percent,
+    )]
+}
+
+fn watch(frequency: Frequency, condition: &[Operation]) -> Watch<'_> {
+    Watch {
+        frequency,
+        all_modes: false,
+        condition,
+        alarms: &[],
+    }
+}
+
+/// `1` for each cycle in which the watch fires.
+#[track_caller]
+fn check(frequency: Frequency, loads: &[f64], expected: &str) {
+    let mut bench = Bench::new();
+    let condition = if frequency == Frequency::NoKeyword {
+        vec![]
+    } else {
+        over(50.0)
+    };
+    let number = bench.watches.load(&watch(frequency, &condition)).expect("room");
+    bench.watches.obey(WatchOrder::Start(number));
+    let fired: String = loads
+        .iter()
+        .map(|load| {
+            if bench.cycle(*load, Mode::Automatic).1.is_empty() {
+                '0'
+            } else {
+                '1'
+            }
+        })
+        .collect();
+    assert_eq!(fired, expected, "{frequency:?}");
+}
+
+#[test]
+fn frequencies_fire_as_their_table_says() {
+    let loads = [0.0, 80.0, 80.0, 0.0, 80.0]; // false, true, true, false, true
+    check(Frequency::Whenever, &loads, "01101");
+    check(Frequency::FromFirst, &loads, "01111");
+    check(Frequency::WhenOnce, &loads, "01000");
+    check(Frequency::EveryEdge, &loads, "01001");
+    check(Frequency::NoKeyword, &loads, "11111");
+    // True at the start fires: the cycle before the start counts as false.
+    check(Frequency::EveryEdge, &[80.0, 80.0], "10");
+}
+
+#[test]
+fn what_is_not_known_fulfils_nothing_and_every_keeps_what_was_before() {
+    let unknown = f64::NAN;
+    check(Frequency::Whenever, &[80.0, unknown, 80.0], "101");
+    check(Frequency::FromFirst, &[unknown, 80.0, unknown], "011");
+    check(Frequency::WhenOnce, &[unknown, 80.0, 80.0], "010");
+    // True, unknown, true is one edge; false, unknown, true as well.
+    check(Frequency::EveryEdge, &[80.0, unknown, 80.0], "100");
+    check(Frequency::EveryEdge, &[0.0, unknown, 80.0], "001");
+}
+
+#[test]
+fn an_outage_of_a_sensor_is_told_once() {
+    let mut bench = Bench::new();
+    let condition = [Operation::Compare(NO_SENSOR, Relation::Less, 1.0)];
+    let number = bench.watches.load(&watch(Frequency::Whenever, &condition)).expect("room");
+    let seen = bench.watches.load(&watch(Frequency::Whenever, &over(50.0))).expect("room");
+    bench.watches.obey(WatchOrder::Start(number));
+    bench.watches.obey(WatchOrder::Start(seen));
+    let mut unknown = vec![];
+    for (cycle, load) in [0.0, f64::NAN, f64::NAN, 0.0, f64::NAN].into_iter().enumerate() {
+        let sample = Sample {
+            tick: Tick(cycle as u64),
+            load: [load, 0.0, 0.0],
+            ..Sample::default()
+        };
+        bench.readings.take(&sample, &bench.machine, Situation::default());
+        bench.watches.cycle(sample.tick, &bench.readings, Mode::Automatic);
+        while let Some(firing) = bench.watches.firing() {
+            assert!(!firing.known);
+            unknown.push((cycle, firing.watch));
+        }
+    }
+    assert_eq!(unknown, [(0, number), (1, seen), (4, seen)]);
+}
+
+#[test]
+fn automatic_ends_with_the_program_and_is_not_checked_in_other_modes() {
+    let mut bench = Bench::new();
+    let condition = over(50.0);
+    let automatic = bench.watches.load(&watch(Frequency::Whenever, &condition)).expect("room");
+    let everywhere = Watch {
+        all_modes: true,
+        ..watch(Frequency::Whenever, &condition)
+    };
+    let everywhere = bench.watches.load(&everywhere).expect("room");
+    bench.watches.obey(WatchOrder::Start(automatic));
+    bench.watches.obey(WatchOrder::Start(everywhere));
+    assert_eq!(bench.cycle(80.0, Mode::Automatic).1, [automatic, everywhere]);
+    assert_eq!(bench.cycle(80.0, Mode::Jog).1, [everywhere]);
+    assert_eq!(bench.cycle(80.0, Mode::ManualDataInput).1, [everywhere]);
+    bench.watches.program_ends();
+    assert_eq!(bench.cycle(80.0, Mode::Automatic).1, [everywhere]);
+    bench.watches.reset();
+    assert_eq!(bench.cycle(80.0, Mode::Automatic).1, [everywhere]);
+    bench.watches.obey(WatchOrder::Stop(everywhere));
+    assert_eq!(bench.cycle(80.0, Mode::Automatic).1, [] as [u16; 0]);
+    // And the one that ended can be started anew, with nothing left of before.
+    bench.watches.obey(WatchOrder::Start(automatic));
+    assert_eq!(bench.cycle(80.0, Mode::Automatic).1, [automatic]);
+    assert_eq!(bench.watches.counters().refused_orders, 0);
+}
+
+#[test]
+fn watches_are_evaluated_in_the_order_of_their_start_and_see_each_others_alarms() {
+    let mut bench = Bench::new();
+    let set = AlarmOrder::Set {
+        alarm: 7,
+        reaction: Reaction::None,
+        reset_by: ResetBy::Function,
+    };
+    let condition = over(50.0);
+    let setter = Watch {
+        alarms: &[set],
+        ..watch(Frequency::Whenever, &condition)
+    };
+    let setter = bench.watches.load(&setter).expect("room");
+    let follower = [Operation::Alarm(7)];
+    let follower = bench.watches.load(&watch(Frequency::Whenever, &follower)).expect("room");
+    bench.watches.obey(WatchOrder::Start(follower));
+    bench.watches.obey(WatchOrder::Start(setter));
+    // The follower stands before: it sees the alarm a cycle later.
+    assert_eq!(bench.cycle(80.0, Mode::Automatic).1, [setter]);
+    assert_eq!(bench.cycle(0.0, Mode::Automatic).1, [follower]);
+    bench.watches.obey(WatchOrder::Alarm(AlarmOrder::Clear { alarm: 7 }));
+    assert_eq!(bench.cycle(0.0, Mode::Automatic).1, [] as [u16; 0]);
+    bench.watches.obey(WatchOrder::Stop(follower));
+    bench.watches.obey(WatchOrder::Start(follower));
+    assert_eq!(bench.cycle(80.0, Mode::Automatic).1, [setter, follower]);
+}
+
+#[test]
+fn an_alarm_reacts_when_it_is_set_and_not_while_it_is_active() {
+    for (reaction, expected) in [
+        (Reaction::None, Reaction::None),
+        (Reaction::FeedHold, Reaction::FeedHold),
+        (Reaction::StopNow, Reaction::StopNow),
+        (Reaction::StopAfterOperation, Reaction::None),
+    ] {
+        let mut bench = Bench::new();
+        let set = AlarmOrder::Set {
+            alarm: 999,
+            reaction,
+            reset_by: ResetBy::Acknowledge,
+        };
+        let condition = over(50.0);
+        let number = bench.watches.load(&Watch {
+            alarms: &[set],
+            ..watch(Frequency::Whenever, &condition)
+        });
+        bench.watches.obey(WatchOrder::Start(number.expect("room")));
+        assert_eq!(bench.cycle(80.0, Mode::Automatic).0, expected);
+        assert_eq!(bench.cycle(80.0, Mode::Automatic).0, Reaction::None);
+        assert!(bench.watches.alarm(999));
+        let at_the_end = bench.watches.obey(WatchOrder::OperationEnds);
+        assert_eq!(at_the_end == Reaction::FeedHold, reaction == Reaction::StopAfterOperation);
+        assert_eq!(bench.watches.obey(WatchOrder::OperationEnds), Reaction::None);
+        // Cycle start ends it; it is set and reacts anew.
+        bench.watches.acknowledge();
+        assert!(!bench.watches.alarm(999));
+        assert_eq!(bench.cycle(80.0, Mode::Automatic).0, expected);
+    }
+}
+
+#[test]
+fn an_alarm_ends_by_what_it_says() {
+    for (reset_by, after_cycle_start, after_reset) in [
+        (ResetBy::Function, true, true),
+        (ResetBy::Acknowledge, false, false),
+        (ResetBy::Reset, true, false),
+    ] {
+        let mut watches = Box::new(Few::new());
+        watches.obey(WatchOrder::Alarm(AlarmOrder::Set {
+            alarm: 1,
+            reaction: Reaction::None,
+            reset_by,
+        }));
+        watches.acknowledge();
+        assert_eq!(watches.alarm(1), after_cycle_start, "{reset_by:?}");
+        watches.reset();
+        assert_eq!(watches.alarm(1), after_reset, "{reset_by:?}");
+        watches.obey(WatchOrder::Alarm(AlarmOrder::Clear { alarm: 1 }));
+        assert!(!watches.alarm(1));
+    }
+}
+
+#[test]
+fn what_has_no_place_is_refused_whole_and_what_is_loaded_works_on() {
+    let mut watches = Box::new(Watches::<2, 3>::new());
+    assert_eq!(watches.load(&watch(Frequency::Whenever, &[])), Err(LoadError::Frequency));
+    assert_eq!(
+        watches.load(&watch(Frequency::NoKeyword, &over(1.0))),
+        Err(LoadError::Frequency)
+    );
+    assert_eq!(watches.load(&watch(Frequency::Whenever, &over(1.0))), Ok(0));
+    let mut three = over(1.0);
+    three.extend(over(2.0));
+    three.push(Operation::And);
+    assert_eq!(watches.load(&watch(Frequency::Whenever, &three)), Err(LoadError::Full));
+    assert_eq!(watches.load(&watch(Frequency::EveryEdge, &over(3.0))), Ok(1));
+    assert_eq!(watches.load(&watch(Frequency::NoKeyword, &[])), Err(LoadError::Full));
+    let many = [AlarmOrder::Clear { alarm: 1 }; 5];
+    let refused = Watch {
+        alarms: &many,
+        ..watch(Frequency::NoKeyword, &[])
+    };
+    assert_eq!(watches.load(&refused), Err(LoadError::Alarms));
+    let none = [AlarmOrder::Clear { alarm: 0 }];
+    let refused = Watch {
+        alarms: &none,
+        ..watch(Frequency::NoKeyword, &[])
+    };
+    assert_eq!(watches.load(&refused), Err(LoadError::Alarms));
+    watches.obey(WatchOrder::Start(0));
+    watches.obey(WatchOrder::Start(0));
+    watches.obey(WatchOrder::Start(2));
+    watches.obey(WatchOrder::Stop(1));
+    assert_eq!(watches.counters().refused_orders, 3);
+    assert_eq!(watches.running(), 1);
+}
+
+#[test]
+fn without_room_for_all_firings_those_that_are_only_recorded_go_first_and_are_counted() {
+    let mut watches = Box::new(Few::new());
+    let set = [AlarmOrder::Clear { alarm: 1 }];
+    let records = watches.load(&watch(Frequency::NoKeyword, &[])).expect("room");
+    let alarms = Watch {
+        alarms: &set,
+        ..watch(Frequency::NoKeyword, &[])
+    };
+    let alarms = watches.load(&alarms).expect("room");
+    watches.obey(WatchOrder::Start(records));
+    let readings = Readings::new();
+    let cycles = FIRINGS as u64 + 100;
+    for tick in 0..cycles {
+        watches.cycle(Tick(tick), &readings, Mode::Automatic);
+    }
+    assert_eq!(watches.counters().lost_firings, cycles - (FIRINGS - RESERVED) as u64);
+    watches.obey(WatchOrder::Stop(records));
+    watches.obey(WatchOrder::Start(alarms));
+    let before = watches.counters().lost_firings;
+    for tick in 0..RESERVED as u64 {
+        watches.cycle(Tick(tick), &readings, Mode::Automatic);
+    }
+    assert_eq!(watches.counters().lost_firings, before);
+    watches.cycle(Tick(0), &readings, Mode::Automatic);
+    assert_eq!(watches.counters().lost_firings, before + 1);
+}

@@ -1,0 +1,414 @@
+//! What the functions of a program do while it runs: recordings, single values, alarms, and what is told of each.
+//!
+//! The office half hands in every cycle and every step whose turn has come; out come records for the event log ([`Told`]) and rows of
+//! recordings ([`Row`]). Each record says its function, its cycle, its unit and quality, and the place in the program. It never asks the
+//! outside world: what it needs to know of machine, operator and tools is in [`Known`].
+
+mod at_once;
+mod context;
+mod program;
+mod recording;
+
+pub use recording::{Row, Stream};
+
+use crate::compile::{Compiled, compile, signal_of, signal_of_predefined};
+use crate::functions::{Alarm, Call, Coolant, Frequency, Reaction, ResetBy, SynchronizedAction, TraceId};
+use crate::sensor::{Meaning, Sensor, meaning};
+use crate::survey::{ALONG, Found, lines, wanted};
+use crate::{Function, parse};
+use context::Context;
+use machine::watch::{AlarmOrder, Firing, Readings, SIGNALS, Situation, WatchOrder};
+use machine::{MachineParameters, Quality, Sample, State, StopCause};
+use plan::{RawNcFunction, Step, StepKind, Value as PlanValue};
+use recording::{Ended, Recordings};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+use units::{StepId, TICK, Tick, Timestamp};
+
+/// A record for the event log.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Told {
+    /// The cycle.
+    pub tick: Tick,
+    /// The step that says so, or in which it happened.
+    pub step: StepId,
+    /// What is told; `function` names the function.
+    pub data: Map<String, Value>,
+}
+
+/// The kind of the events that are records of functions.
+pub const EVENT: &str = "trace";
+
+/// Events of one synchronized action in a second at most; more are counted.
+const EVENTS_A_SECOND: u32 = 10;
+
+/// What the shell knows of the shop.
+#[derive(Clone, Debug, Default)]
+pub struct Known {
+    /// The machine: brand, model, serial number, control, version, axes, ...
+    pub machine: Map<String, Value>,
+    /// Who is signed in: name, role, level, how identified.
+    pub operator: Map<String, Value>,
+    /// What was entered of the coolant.
+    pub coolant: Map<String, Value>,
+    /// The tool table, by number.
+    pub tools: BTreeMap<u32, Map<String, Value>>,
+    /// Points in the program's geometry, by the name that a line gives, in the set-up's frame, mm.
+    pub points: BTreeMap<String, Vec<[f64; 3]>>,
+}
+
+/// Does what the functions of a program say.
+#[derive(Debug)]
+pub struct Recorder {
+    known: Known,
+    parameters: MachineParameters,
+    start: Timestamp,
+    readings: Readings,
+    sample: Sample,
+    before: Option<Sample>,
+    context: Context,
+    recordings: Recordings,
+    /// Watches by the line that starts them.
+    numbers: BTreeMap<String, u16>,
+    /// Which watch an id means, as far as the program was read.
+    ahead: BTreeMap<TraceId, u16>,
+    actions: BTreeMap<u16, Action>,
+    alarms: BTreeMap<u16, Active>,
+    /// Reactions whose effect is still to be seen.
+    effects: Vec<(u16, Tick, Reaction)>,
+    tool_logging: BTreeMap<TraceId, u64>,
+    event_logging: BTreeMap<TraceId, (Vec<String>, u64)>,
+    operator_logging: BTreeMap<TraceId, u64>,
+    variables: BTreeMap<String, f64>,
+    level: Option<u8>,
+    /// Watches that were loaded and run, or ran.
+    next_run: u32,
+    told: Vec<Told>,
+    state: State,
+}
+
+/// A synchronized action that was started.
+#[derive(Clone, Debug)]
+struct Action {
+    does: SynchronizedAction,
+    runs: bool,
+    run: u32,
+    fired: u64,
+    window: Tick,
+    in_window: u32,
+    suppressed: u64,
+    streams: Vec<u32>,
+}
+
+/// An alarm that is active.
+#[derive(Clone, Debug)]
+struct Active {
+    alarm: Alarm,
+    since: Tick,
+    repeated: u64,
+    told: Tick,
+}
+
+impl Recorder {
+    /// A recorder for a run that begins at `start`. `found` is what the look through the program gave; its conditions are to be loaded in
+    /// the same order ([`Recorder::loaded`]).
+    pub fn new(parameters: &MachineParameters, start: Timestamp, known: Known, found: &Found) -> Self {
+        let mut readings = Readings::new();
+        for (number, tool) in &known.tools {
+            if let Some(diameter) = tool.get("diameter_mm").and_then(Value::as_f64) {
+                // More tools than it has places for: their cutting speeds are unavailable.
+                readings.know_tool(*number, diameter);
+            }
+        }
+        let numbers = found.conditions.iter().enumerate();
+        Recorder {
+            known,
+            parameters: *parameters,
+            start,
+            readings,
+            sample: Sample::default(),
+            before: None,
+            context: Context::default(),
+            recordings: Recordings::default(),
+            numbers: numbers
+                .filter_map(|(k, (line, _))| Some((line.clone(), u16::try_from(k).ok()?)))
+                .collect(),
+            ahead: BTreeMap::new(),
+            actions: BTreeMap::new(),
+            alarms: BTreeMap::new(),
+            effects: Vec::new(),
+            tool_logging: BTreeMap::new(),
+            event_logging: BTreeMap::new(),
+            operator_logging: BTreeMap::new(),
+            variables: BTreeMap::new(),
+            level: None,
+            next_run: 1,
+            told: Vec::new(),
+            state: State::Off,
+        }
+    }
+
+    /// What the machine has to be told with a step, in order with the path; a condition that is not loaded yet is given to be loaded.
+    pub fn orders(&mut self, step: &Step) -> Vec<Order> {
+        match &step.kind {
+            StepKind::Begin(marker) if marker.level == plan::Level::Operation => vec![Order::Say(WatchOrder::OperationBegins)],
+            StepKind::End(plan::Level::Operation) => vec![Order::Say(WatchOrder::OperationEnds)],
+            StepKind::NcFunction(raw) => lines(raw).iter().flat_map(|line| self.orders_of(line)).collect(),
+            _ => vec![],
+        }
+    }
+
+    fn orders_of(&mut self, line: &str) -> Vec<Order> {
+        let Ok(function) = parse(line) else { return vec![] };
+        match &function.call {
+            Call::StartSynchronizedAction(action) => {
+                let line = function.to_string();
+                match self.numbers.get(&line).copied() {
+                    // The machine refuses a second start as well; a number of another line must not be taken for the first.
+                    Some(_) if self.ahead.contains_key(&action.id) => vec![],
+                    Some(number) => {
+                        self.ahead.insert(action.id.clone(), number);
+                        vec![Order::Say(WatchOrder::Start(number))]
+                    }
+                    None => compile(action).map_or(vec![], |compiled| vec![Order::Load(line, compiled)]),
+                }
+            }
+            Call::StopSynchronizedAction { id } => {
+                let number = self.ahead.remove(id);
+                number.map(|n| Order::Say(WatchOrder::Stop(n))).into_iter().collect()
+            }
+            call => crate::compile::alarm_order(call)
+                .map(|order| Order::Say(WatchOrder::Alarm(order)))
+                .into_iter()
+                .collect(),
+        }
+    }
+
+    /// A condition was loaded under a number; gives what the machine has to be told now.
+    pub fn loaded(&mut self, line: &str, number: u16) -> Vec<Order> {
+        self.numbers.insert(line.to_owned(), number);
+        self.orders_of(line)
+    }
+
+    /// A condition could not be loaded: it is told, and does nothing.
+    pub fn not_loaded(&mut self, line: &str, why: &str, tick: Tick) {
+        self.error("T-09", tick, self.sample.step, json!({ "line": line, "why": why }));
+    }
+
+    /// A step whose turn has come.
+    pub fn step(&mut self, step: &Step, tick: Tick) {
+        match &step.kind {
+            StepKind::Begin(marker) if marker.level == plan::Level::Operation => self.readings.operation(tick, true),
+            StepKind::End(plan::Level::Operation) => self.readings.operation(tick, false),
+            _ => {}
+        }
+        let ended = self.context.follow(step, tick);
+        if let Some(scope) = ended {
+            let over = self.recordings.end_scope(scope, tick);
+            self.tell_ended(over, step.id);
+            if matches!(scope, context::Scope::Workplan(_)) && self.context.level_ends(scope) {
+                self.level = None;
+            }
+        }
+        if let StepKind::NcFunction(raw) = &step.kind {
+            self.functions(raw, step.id, tick);
+        }
+    }
+
+    /// A cycle. Call it for every report, before the steps of its cycle are told.
+    pub fn cycle(&mut self, sample: &Sample, situation: Situation) {
+        self.readings.take(sample, &self.parameters, situation);
+        self.before = Some(self.sample);
+        self.sample = *sample;
+        self.context.cycle(sample, &self.parameters);
+        if self.before.is_some_and(|b| b.tool != sample.tool) && !self.tool_logging.is_empty() {
+            self.tool_changed(sample);
+        }
+    }
+
+    /// Takes the samples of a cycle, behind the steps and firings of it.
+    pub fn take_samples(&mut self) {
+        let previous = self.before.filter(|b| b.tick + 1 == self.sample.tick);
+        let tip = self.context.tip(self.sample.actual);
+        let over = self.recordings.cycle(&self.sample, previous.as_ref(), tip, &self.readings);
+        self.tell_ended(over, self.sample.step);
+    }
+
+    /// A watch has fired in this cycle.
+    pub fn fired(&mut self, firing: &Firing) {
+        let Some(mut action) = self.actions.get(&firing.watch).cloned() else {
+            return;
+        };
+        let tick = firing.tick;
+        if !firing.known {
+            let data = json!({ "id": action.does.id.0, "why": "a sensor of the condition is unavailable" });
+            self.error("T-05", tick, self.sample.step, data);
+            return;
+        }
+        action.fired += 1;
+        if action.in_window == 0 || tick - action.window >= 1000 {
+            (action.window, action.in_window) = (tick, 0);
+        }
+        action.in_window += 1;
+        let often = matches!(action.does.frequency, Frequency::None | Frequency::Whenever | Frequency::From);
+        let quiet = often && action.in_window > EVENTS_A_SECOND;
+        let mut results = Vec::new();
+        let mut slot = 0;
+        for function in action.does.actions.clone() {
+            // Values go into the sample stream at full rate, whatever the log takes.
+            if let Ok(sensors) = wanted(&function) {
+                for sensor in sensors {
+                    if action.streams.len() <= slot {
+                        let id = format!("action {}", action.does.id);
+                        action.streams.push(self.recordings.declare(action.run, &id, &sensor));
+                    }
+                    let value = self.value_of(&sensor);
+                    self.recordings.row(action.streams[slot], &self.sample, value);
+                    slot += 1;
+                }
+            }
+            if !quiet || alarm_of(&function).is_some() {
+                let mut result = self.perform(&function, tick);
+                result.insert("function".to_owned(), Value::from(function.name.clone()));
+                results.push(Value::Object(result));
+            }
+        }
+        if quiet {
+            action.suppressed += 1;
+        } else {
+            let mut data = object(json!({
+                "function": "start_synchronized_action",
+                "id": action.does.id.0,
+                "state": "fired",
+                "frequency": action.does.frequency.word(),
+                "condition": action.does.condition.as_ref().map(crate::condition::print),
+                "cycle_of_condition": tick.0,
+                "fired": action.fired,
+                "actions": results,
+            }));
+            if action.suppressed > 0 {
+                data.insert("not_told".to_owned(), Value::from(action.suppressed));
+                action.suppressed = 0;
+            }
+            self.tell(tick, self.sample.step, data);
+        }
+        self.actions.insert(firing.watch, action);
+    }
+
+    /// The machine's state after a cycle: effects of reactions, and what ends with a program.
+    pub fn state(&mut self, state: State, tick: Tick) {
+        let before = std::mem::replace(&mut self.state, state);
+        if before == state {
+            return;
+        }
+        let slows = matches!(state, State::Holding | State::Held | State::WaitingThenHold(_))
+            || matches!(state, State::Stopping(StopCause::Asked) | State::Stopped(StopCause::Asked));
+        if slows {
+            for (alarm, condition, reaction) in std::mem::take(&mut self.effects) {
+                let data = json!({
+                    "function": "set_alarm", "state": "effect", "alarm": alarm, "reaction": reaction.word(),
+                    "cycle_of_condition": condition.0, "cycle_of_effect": tick.0,
+                });
+                self.tell(tick, self.sample.step, object(data));
+            }
+        }
+        if state == State::Running && matches!(before, State::Held | State::Holding | State::Paused) {
+            self.end_alarms(tick, "cycle start", |by| by == ResetBy::Acknowledge);
+        }
+        if state == State::Ready && !matches!(before, State::Off | State::Ready) {
+            let reset = !matches!(before, State::Running | State::Waiting(_));
+            self.program_ends(tick, if reset { "reset" } else { "program end" });
+            if reset {
+                self.end_alarms(tick, "reset", |by| by != ResetBy::Function);
+            }
+        }
+    }
+
+    /// The run is over, however: what is still open is told as ended.
+    pub fn finish(&mut self, tick: Tick) {
+        self.program_ends(tick, "end of the run");
+        for (_, action) in std::mem::take(&mut self.actions) {
+            if action.runs {
+                self.tell_action_end(&action, tick, "end of the run");
+            }
+        }
+    }
+
+    /// Cycles whose reports were lost: each recording has a gap.
+    pub fn lost(&mut self, cycles: u64, tick: Tick) {
+        if self.recordings.lost(cycles) {
+            self.error("T-10", tick, self.sample.step, json!({ "lost_cycles": cycles }));
+        }
+    }
+
+    /// Firings that found no place on their way (T-09).
+    pub fn lost_firings(&mut self, count: u64, tick: Tick) {
+        self.error("T-09", tick, self.sample.step, json!({ "lost_firings": count }));
+    }
+
+    /// An event of the control, for `log_nc_events`.
+    pub fn control_event(&mut self, kind: &str, data: &BTreeMap<String, Value>, tick: Tick, step: StepId) {
+        let mut told = Vec::new();
+        for (id, (kinds, count)) in &mut self.event_logging {
+            if kinds.is_empty() || kinds.iter().any(|k| k.eq_ignore_ascii_case(kind)) {
+                *count += 1;
+                told.push(json!({ "function": "log_nc_events", "id": id.0, "kind": kind, "data": data }));
+            }
+        }
+        for data in told {
+            self.tell(tick, step, object(data));
+        }
+    }
+
+    /// The present value of a name in a condition of the program: a variable that a function wrote, a sensor, a predefined value.
+    pub fn lookup(&self, name: &str) -> Option<PlanValue> {
+        if let Some(value) = self.variables.get(name) {
+            return Some(PlanValue::Number(*value));
+        }
+        match meaning(name) {
+            Meaning::Predefined(crate::sensor::Predefined::Alarm(id)) => Some(PlanValue::Truth(self.alarms.contains_key(&id))),
+            Meaning::Predefined(value) => self.readings.value(signal_of_predefined(value)?).map(PlanValue::Number),
+            Meaning::Sensor(sensor) => self.value_of(&sensor).map(PlanValue::Number),
+            Meaning::Several(_) | Meaning::Unknown => None,
+        }
+    }
+
+    /// Records since the last call, in order.
+    pub fn take_told(&mut self) -> Vec<Told> {
+        std::mem::take(&mut self.told)
+    }
+
+    /// Rows of recordings since the last call, in order.
+    pub fn take_rows(&mut self) -> Vec<Row> {
+        self.recordings.take_rows()
+    }
+
+    /// The stream of a row.
+    pub fn stream(&self, number: u32) -> Option<&Stream> {
+        self.recordings.stream(number)
+    }
+
+    fn value_of(&self, sensor: &Sensor) -> Option<f64> {
+        self.readings.value(signal_of(sensor)?)
+    }
+}
+
+/// What the machine has to be told.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Order {
+    /// An order in the queue.
+    Say(WatchOrder),
+    /// Load this condition first, under the line that starts it, then ask again.
+    Load(String, Compiled),
+}
+
+fn alarm_of(function: &Function) -> Option<AlarmOrder> {
+    crate::compile::alarm_order(&function.call)
+}
+
+fn object(value: Value) -> Map<String, Value> {
+    match value {
+        Value::Object(members) => members.into_iter().filter(|(_, value)| !value.is_null()).collect(),
+        _ => Map::new(),
+    }
+}

@@ -1,0 +1,265 @@
+//! What the functions of the program do when their turn comes.
+
+use super::*;
+
+/// Functions of the program.
+impl Recorder {
+    pub(super) fn functions(&mut self, raw: &RawNcFunction, step: StepId, tick: Tick) {
+        for line in lines(raw) {
+            let Ok(function) = parse(&line) else { continue };
+            self.function(&function, raw.kind == ALONG, step, tick);
+        }
+    }
+
+    pub(super) fn function(&mut self, function: &Function, along: bool, step: StepId, tick: Tick) {
+        let name = function.name.clone();
+        match &function.call {
+            Call::Unknown => {
+                self.tell(
+                    tick,
+                    step,
+                    object(json!({ "function": name, "state": "unknown", "text": function.unread })),
+                );
+            }
+            Call::LogNcEvents { id, on, kinds } => {
+                let known = self.event_logging.contains_key(id);
+                if *on && !known {
+                    self.event_logging.insert(id.clone(), (kinds.clone(), 0));
+                }
+                let count = if *on {
+                    None
+                } else {
+                    self.event_logging.remove(id).map(|(_, n)| n)
+                };
+                self.switched(&name, id, *on, known, count, (step, tick));
+            }
+            Call::StartToolLogging { id } => {
+                let known = self.tool_logging.contains_key(id);
+                if !known {
+                    self.tool_logging.insert(id.clone(), 0);
+                }
+                self.switched(&name, id, true, known, None, (step, tick));
+            }
+            Call::StopToolLogging { id } => {
+                let count = self.tool_logging.remove(id);
+                self.switched(&name, id, false, count.is_some(), count, (step, tick));
+            }
+            Call::LogOperatorData { id, on } => {
+                let known = self.operator_logging.contains_key(id);
+                let count = if *on { None } else { self.operator_logging.remove(id) };
+                if *on && !known {
+                    self.operator_logging.insert(id.clone(), 1);
+                }
+                self.switched(&name, id, *on, known, count, (step, tick));
+                if *on && !known {
+                    let mut data = self.operator();
+                    data.insert("function".to_owned(), Value::from(name));
+                    data.insert("id".to_owned(), Value::from(id.0.clone()));
+                    self.tell(tick, step, data);
+                }
+            }
+            Call::SetEditAccessLevel { level, workplan_only } => {
+                let data = json!({
+                    "function": name, "old": self.level, "new": level,
+                    "scope": if *workplan_only { "workplan" } else { "rest_of_program" },
+                    "default": 10, "from_step": step.0,
+                });
+                self.level = *level;
+                self.context.level_is_of_workplan(*workplan_only && level.is_some());
+                self.tell(tick, step, object(data));
+            }
+            Call::StartSensorRecording(recording) => {
+                let wanted = wanted(function);
+                self.start_recording(&name, recording::Wanted::of(recording, along), wanted, (step, tick));
+            }
+            Call::GetPoints(measurement) => {
+                let id = TraceId(format!("{name} {}", self.next_run));
+                let wanted = wanted(function);
+                self.start_recording(
+                    &name,
+                    recording::Wanted::of_points(measurement, id, along),
+                    wanted,
+                    (step, tick),
+                );
+            }
+            Call::StopSensorRecording { id } => match self.recordings.stop(id, tick) {
+                Some(ended) => self.tell_ended(vec![ended], step),
+                None => self.error("T-01", tick, step, json!({ "function": name, "id": id.0 })),
+            },
+            Call::StartSynchronizedAction(action) => self.start_action(function, action, (step, tick)),
+            Call::StopSynchronizedAction { id } => {
+                let number = self.actions.iter().find(|(_, a)| a.runs && a.does.id == *id).map(|(n, _)| *n);
+                match number.and_then(|n| self.actions.get_mut(&n)) {
+                    Some(action) => {
+                        action.runs = false;
+                        let action = action.clone();
+                        self.tell_action_end(&action, tick, "stop");
+                    }
+                    None => self.error("T-01", tick, step, json!({ "function": name, "id": id.0 })),
+                }
+            }
+            _ => {
+                let mut data = self.perform(function, tick);
+                data.insert("function".to_owned(), Value::from(name));
+                if let Some(log) = &function.log {
+                    data.insert("log".to_owned(), Value::from(log.clone()));
+                }
+                self.tell(tick, step, data);
+            }
+        }
+    }
+
+    pub(super) fn switched(
+        &mut self,
+        name: &str,
+        id: &TraceId,
+        on: bool,
+        known: bool,
+        count: Option<u64>,
+        (step, tick): (StepId, Tick),
+    ) {
+        if on == known {
+            let code = if on { "T-02" } else { "T-01" };
+            return self.error(code, tick, step, json!({ "function": name, "id": id.0 }));
+        }
+        let state = if on { "on" } else { "off" };
+        self.tell(
+            tick,
+            step,
+            object(json!({ "function": name, "id": id.0, "state": state, "records": count })),
+        );
+    }
+
+    pub(super) fn start_recording(
+        &mut self,
+        name: &str,
+        wanted: recording::Wanted,
+        sensors: Result<Vec<Sensor>, (String, String)>,
+        (step, tick): (StepId, Tick),
+    ) {
+        let id = wanted.id.clone();
+        let sensors = match sensors {
+            Ok(sensors) => sensors,
+            Err((message, _)) => return self.error("T-05", tick, step, json!({ "function": name, "id": id.0, "why": message })),
+        };
+        let points = match wanted.points() {
+            None => vec![],
+            Some(curve) => match self.known.points.get(curve) {
+                Some(points) => points.clone(),
+                None => {
+                    let why = format!("the file has no points at #{curve}");
+                    return self.error("T-06", tick, step, json!({ "function": name, "id": id.0, "why": why }));
+                }
+            },
+        };
+        let run = self.next_run;
+        let depth = self.context.depth();
+        match self.recordings.start(wanted, sensors, points, run, depth, tick) {
+            None => self.error("T-02", tick, step, json!({ "function": name, "id": id.0 })),
+            Some(begun) => {
+                self.next_run += 1;
+                let mut data = object(begun);
+                data.insert("function".to_owned(), Value::from(name));
+                self.tell(tick, step, data);
+            }
+        }
+    }
+
+    pub(super) fn start_action(&mut self, function: &Function, action: &SynchronizedAction, (step, tick): (StepId, Tick)) {
+        let active = self.actions.values().any(|a| a.runs && a.does.id == action.id);
+        let number = self.numbers.get(&function.to_string()).copied();
+        let Some(number) = number.filter(|_| !active) else {
+            let code = if active { "T-02" } else { "T-09" };
+            return self.error(code, tick, step, json!({ "function": function.name, "id": action.id.0 }));
+        };
+        let run = self.next_run;
+        self.next_run += 1;
+        self.actions.insert(
+            number,
+            Action {
+                does: action.clone(),
+                runs: true,
+                run,
+                fired: 0,
+                window: tick,
+                in_window: 0,
+                suppressed: 0,
+                streams: vec![],
+            },
+        );
+        let data = json!({
+            "function": function.name, "id": action.id.0, "state": "started", "run": run,
+            "scope": if action.all_modes { "ALL" } else { "AUTOMATIC" },
+            "frequency": action.frequency.word(),
+            "condition": action.condition.as_ref().map(crate::condition::print),
+        });
+        self.tell(tick, step, object(data));
+    }
+
+    pub(super) fn tell_action_end(&mut self, action: &Action, tick: Tick, why: &str) {
+        let data = json!({
+            "function": "stop_synchronized_action", "id": action.does.id.0, "state": "ended", "run": action.run,
+            "why": why, "fired": action.fired, "not_told": (action.suppressed > 0).then_some(action.suppressed),
+        });
+        self.tell(tick, self.sample.step, object(data));
+    }
+
+    pub(super) fn program_ends(&mut self, tick: Tick, why: &'static str) {
+        let over = self.recordings.end_all(why);
+        self.tell_ended(over, self.sample.step);
+        let mut ended = Vec::new();
+        for action in self.actions.values_mut().filter(|a| a.runs && !a.does.all_modes) {
+            action.runs = false;
+            ended.push(action.clone());
+        }
+        for action in ended {
+            self.tell_action_end(&action, tick, why);
+        }
+    }
+
+    pub(super) fn tell_ended(&mut self, over: Vec<Ended>, step: StepId) {
+        for ended in over {
+            self.tell(ended.tick, step, object(ended.data));
+        }
+    }
+
+    pub(super) fn tool_changed(&mut self, sample: &Sample) {
+        let ids: Vec<TraceId> = self.tool_logging.keys().cloned().collect();
+        for id in ids {
+            if let Some(count) = self.tool_logging.get_mut(&id) {
+                *count += 1;
+            }
+            let mut data = self.tool(sample.tool.0);
+            data.insert("function".to_owned(), Value::from("start_tool_logging"));
+            data.insert("id".to_owned(), Value::from(id.0));
+            self.tell(sample.tick, sample.step, data);
+        }
+    }
+
+    pub(super) fn end_alarms(&mut self, tick: Tick, why: &str, ends: impl Fn(ResetBy) -> bool) {
+        let over: Vec<u16> = self
+            .alarms
+            .iter()
+            .filter(|(_, a)| ends(a.alarm.reset_by))
+            .map(|(id, _)| *id)
+            .collect();
+        for id in over {
+            let mut data = self.clear(id, tick);
+            data.insert("function".to_owned(), Value::from("set_alarm"));
+            data.insert("why".to_owned(), Value::from(why));
+            self.tell(tick, self.sample.step, data);
+        }
+    }
+
+    pub(super) fn error(&mut self, code: &str, tick: Tick, step: StepId, data: Value) {
+        let mut data = object(data);
+        data.insert("error".to_owned(), Value::from(code));
+        data.entry("function".to_owned()).or_insert(Value::from(""));
+        self.tell(tick, step, data);
+    }
+
+    pub(super) fn tell(&mut self, tick: Tick, step: StepId, mut data: Map<String, Value>) {
+        self.context.add_to(&mut data, self.sample.tool.0);
+        self.told.push(Told { tick, step, data });
+    }
+}

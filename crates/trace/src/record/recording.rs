@@ -1,0 +1,474 @@
+//! Recordings: which streams, when a sample is due, what is kept between two, and why it ended.
+
+use super::context::Scope;
+use crate::compile::signal_of;
+use crate::functions::{Measurement, TraceId};
+use crate::sensor::{Sensor, Statistic};
+use crate::value::Sampling;
+use machine::watch::{Readings, SIGNALS};
+use machine::{Quality, Sample};
+use serde_json::{Value, json};
+use units::{Millimetres, StepId, TICK, Tick, ToolNumber, WorkingstepId};
+
+/// How near a point the tool has to pass, mm, when nothing is said.
+const NEAR: f64 = 0.05;
+/// Values of a `get_<x>_points` that says neither points nor a number.
+const SOME: u32 = 100;
+
+/// One value of a recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// The cycle.
+    pub tick: Tick,
+    /// Which stream of which recording: [`super::Recorder::stream`].
+    pub stream: u32,
+    /// The value; `None` is unavailable.
+    pub value: Option<f64>,
+    /// What the machine's measurements are worth.
+    pub quality: Quality,
+    /// The step in execution.
+    pub step: StepId,
+    /// The workingstep in execution.
+    pub workingstep: WorkingstepId,
+    /// The tool in the spindle.
+    pub tool: ToolNumber,
+}
+
+/// A stream of a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stream {
+    /// Which run of the function: ids may come again.
+    pub run: u32,
+    /// The recording's id.
+    pub id: String,
+    /// The stream's name, with its statistic.
+    pub name: String,
+    /// MTConnect's word for the unit; empty for a plain number.
+    pub unit: &'static str,
+    /// Worked out, not measured.
+    pub derived: bool,
+    /// This machine has it.
+    pub available: bool,
+}
+
+/// A recording that is asked for.
+#[derive(Clone, Debug)]
+pub(super) struct Wanted {
+    pub id: TraceId,
+    sampling: Sampling,
+    statistic: Statistic,
+    max_samples: Option<u32>,
+    /// It ends with its path.
+    along: bool,
+    filter: Option<String>,
+}
+
+impl Wanted {
+    pub(super) fn of(recording: &crate::functions::Recording, along: bool) -> Self {
+        Wanted {
+            id: recording.id.clone(),
+            sampling: recording.sampling.clone(),
+            statistic: recording.statistic,
+            max_samples: recording.max_samples,
+            along,
+            filter: recording.filter.clone(),
+        }
+    }
+
+    pub(super) fn of_points(measurement: &Measurement, id: TraceId, along: bool) -> Self {
+        let sampling = match &measurement.points {
+            Some(curve) => Sampling::ByPoints {
+                curve: curve.clone(),
+                tolerance: measurement.tolerance,
+            },
+            None => Sampling::ByCount(measurement.number_of_points.unwrap_or(SOME)),
+        };
+        let of_points = measurement.points.is_some();
+        Wanted {
+            id,
+            sampling,
+            statistic: Statistic::Last,
+            max_samples: measurement.number_of_points.filter(|_| of_points),
+            along,
+            filter: None,
+        }
+    }
+
+    /// The geometry that it needs.
+    pub(super) fn points(&self) -> Option<&str> {
+        match &self.sampling {
+            Sampling::ByPoints { curve, .. } => Some(curve),
+            _ => None,
+        }
+    }
+}
+
+/// A recording that is over.
+pub(super) struct Ended {
+    pub tick: Tick,
+    pub data: Value,
+}
+
+/// All recordings of a run.
+#[derive(Debug, Default)]
+pub(super) struct Recordings {
+    active: Vec<Active>,
+    streams: Vec<Stream>,
+    rows: Vec<Row>,
+}
+
+#[derive(Debug)]
+struct Active {
+    wanted: Wanted,
+    run: u32,
+    depth: usize,
+    began: Tick,
+    last: Tick,
+    channels: Vec<Channel>,
+    points: Vec<[f64; 3]>,
+    next_point: usize,
+    tip: Option<[f64; 3]>,
+    travelled: f64,
+    samples: u64,
+    lost: u64,
+    /// Count sampling: every so many cycles for now, and what was taken; thinned when it is far too much.
+    stride: u64,
+    kept: Vec<Vec<Row>>,
+}
+
+#[derive(Debug)]
+struct Channel {
+    stream: u32,
+    signal: Option<u8>,
+    statistic: Statistic,
+    window: Window,
+}
+
+/// What is kept of the cycles since the last sample.
+#[derive(Clone, Copy, Debug, Default)]
+struct Window {
+    count: u64,
+    last: f64,
+    low: f64,
+    high: f64,
+    sum: f64,
+    squares: f64,
+}
+
+impl Window {
+    fn add(&mut self, value: f64) {
+        if self.count == 0 {
+            (self.low, self.high) = (value, value);
+        }
+        self.count += 1;
+        self.last = value;
+        self.low = self.low.min(value);
+        self.high = self.high.max(value);
+        self.sum += value;
+        self.squares += value * value;
+    }
+    fn take(&mut self, statistic: Statistic) -> Option<f64> {
+        let window = std::mem::take(self);
+        let count = window.count as f64;
+        (window.count > 0).then(|| match statistic {
+            Statistic::Last => window.last,
+            Statistic::Minimum => window.low,
+            Statistic::Maximum => window.high,
+            Statistic::Average => window.sum / count,
+            Statistic::Rms => libm::sqrt(window.squares / count),
+        })
+    }
+}
+
+impl Recordings {
+    /// Makes a stream known and gives its number.
+    pub(super) fn declare(&mut self, run: u32, id: &str, sensor: &Sensor) -> u32 {
+        let signal = signal_of(sensor);
+        self.streams.push(Stream {
+            run,
+            id: id.to_owned(),
+            name: sensor.to_string(),
+            unit: sensor.dimension().map_or("", |d| d.unit()),
+            derived: signal.is_some_and(|s| SIGNALS[usize::from(s)].derived),
+            available: signal.is_some(),
+        });
+        self.streams.len() as u32 - 1
+    }
+
+    pub(super) fn stream(&self, number: u32) -> Option<&Stream> {
+        self.streams.get(number as usize)
+    }
+
+    pub(super) fn take_rows(&mut self) -> Vec<Row> {
+        std::mem::take(&mut self.rows)
+    }
+
+    /// A value outside of any recording.
+    pub(super) fn row(&mut self, stream: u32, sample: &Sample, value: Option<f64>) {
+        self.rows.push(row(stream, sample, value));
+    }
+
+    /// Begins one; `None` when the id is active. Gives what is told of it.
+    pub(super) fn start(
+        &mut self,
+        wanted: Wanted,
+        sensors: Vec<Sensor>,
+        points: Vec<[f64; 3]>,
+        run: u32,
+        depth: usize,
+        tick: Tick,
+    ) -> Option<Value> {
+        if self.active.iter().any(|a| a.wanted.id == wanted.id) {
+            return None;
+        }
+        let mut channels = Vec::new();
+        for mut sensor in sensors {
+            if sensor.statistic == Statistic::Last {
+                sensor.statistic = wanted.statistic;
+            }
+            channels.push(Channel {
+                stream: self.declare(run, &wanted.id.0, &sensor),
+                signal: signal_of(&sensor),
+                statistic: sensor.statistic,
+                window: Window::default(),
+            });
+        }
+        let streams: Vec<Value> = channels
+            .iter()
+            .filter_map(|c| self.stream(c.stream))
+            .map(|s| {
+                let quality = if s.available { None } else { Some("unavailable") };
+                json!({ "name": s.name, "unit": s.unit, "derived": s.derived, "quality": quality })
+            })
+            .collect();
+        let interval = cycles_of(&wanted.sampling);
+        let rounded = match &wanted.sampling {
+            Sampling::ByTime(asked) => {
+                let real = interval.unwrap_or(1) as f64 * TICK.0;
+                ((real - asked.0).abs() > 1e-9).then_some(real)
+            }
+            _ => None,
+        };
+        let begun = json!({
+            "id": wanted.id.0, "state": "started", "run": run, "sampling": wanted.sampling.to_string(),
+            "statistic": wanted.statistic.word(), "filter": wanted.filter, "streams": streams,
+            "cycles": interval, "rounded_to_s": rounded, "points": (!points.is_empty()).then_some(points.len()),
+            "max_samples": wanted.max_samples,
+        });
+        self.active.push(Active {
+            kept: vec![vec![]; channels.len()],
+            wanted,
+            run,
+            depth,
+            began: tick,
+            last: tick,
+            channels,
+            points,
+            next_point: 0,
+            tip: None,
+            travelled: 0.0,
+            samples: 0,
+            lost: 0,
+            stride: 1,
+        });
+        Some(begun)
+    }
+
+    /// Ends one by its id; `None` when none is active.
+    pub(super) fn stop(&mut self, id: &TraceId, tick: Tick) -> Option<Ended> {
+        let at = self.active.iter().position(|a| a.wanted.id == *id)?;
+        let mut active = self.active.remove(at);
+        active.last = tick;
+        Some(self.end(active, "stop"))
+    }
+
+    /// Ends what belongs to a scope.
+    pub(super) fn end_scope(&mut self, scope: Scope, tick: Tick) -> Vec<Ended> {
+        let (ends, why): (Box<dyn Fn(&Active) -> bool>, _) = match scope {
+            Scope::Workplan(depth) => (Box::new(move |a| !a.wanted.along && a.depth >= depth), "end of the workplan"),
+            Scope::Path => (Box::new(|a| a.wanted.along), "end of the path"),
+        };
+        let (over, stay) = std::mem::take(&mut self.active).into_iter().partition(|a| ends(a));
+        self.active = stay;
+        let over: Vec<Active> = over;
+        over.into_iter()
+            .map(|mut active| {
+                active.last = tick;
+                self.end(active, why)
+            })
+            .collect()
+    }
+
+    /// Ends all.
+    pub(super) fn end_all(&mut self, why: &'static str) -> Vec<Ended> {
+        let over = std::mem::take(&mut self.active);
+        over.into_iter().map(|active| self.end(active, why)).collect()
+    }
+
+    /// Cycles were lost: counted in each. True when there is one.
+    pub(super) fn lost(&mut self, cycles: u64) -> bool {
+        self.active.iter_mut().for_each(|a| a.lost += cycles);
+        !self.active.is_empty()
+    }
+
+    /// A cycle; gives what ended in it.
+    pub(super) fn cycle(
+        &mut self,
+        sample: &Sample,
+        previous: Option<&Sample>,
+        tip: Option<[f64; 3]>,
+        readings: &Readings,
+    ) -> Vec<Ended> {
+        let mut ended = Vec::new();
+        let mut at = 0;
+        while at < self.active.len() {
+            let active = &mut self.active[at];
+            active.last = sample.tick;
+            for channel in &mut active.channels {
+                if let Some(value) = channel.signal.and_then(|s| readings.value(s)) {
+                    channel.window.add(value);
+                }
+            }
+            for _ in 0..active.due(sample, previous, tip) {
+                active.take(sample, &mut self.rows);
+            }
+            let most = active.wanted.max_samples.map(u64::from);
+            let all_points = !active.points.is_empty() && active.next_point == active.points.len();
+            if most.is_some_and(|most| active.samples >= most) || all_points {
+                let active = self.active.remove(at);
+                let why = if all_points { "all points" } else { "max_samples" };
+                ended.push(self.end(active, why));
+            } else {
+                at += 1;
+            }
+        }
+        ended
+    }
+
+    fn end(&mut self, mut active: Active, why: &'static str) -> Ended {
+        if let Sampling::ByCount(samples) = active.wanted.sampling {
+            active.samples = 0;
+            for rows in &active.kept {
+                let chosen = evenly(rows, samples as usize);
+                active.samples = active.samples.max(chosen.len() as u64);
+                self.rows.extend(chosen);
+            }
+        }
+        let missed = active.points.len() - active.next_point;
+        let data = json!({
+            "function": "stop_sensor_recording", "id": active.wanted.id.0, "state": "ended", "run": active.run, "why": why,
+            "samples": active.samples, "lost_cycles": (active.lost > 0).then_some(active.lost),
+            "missed_points": (missed > 0).then_some(missed), "from_cycle": active.began.0, "to_cycle": active.last.0,
+        });
+        Ended { tick: active.last, data }
+    }
+}
+
+impl Active {
+    /// How many samples are due in a cycle: one, none, or a point each when several were passed.
+    fn due(&mut self, sample: &Sample, previous: Option<&Sample>, tip: Option<[f64; 3]>) -> u32 {
+        let since = sample.tick - self.began;
+        match &self.wanted.sampling {
+            Sampling::ByCycle(_) | Sampling::ByTime(_) => {
+                u32::from(since.is_multiple_of(cycles_of(&self.wanted.sampling).unwrap_or(1)))
+            }
+            Sampling::ByCount(_) => u32::from(since.is_multiple_of(self.stride)),
+            Sampling::ByDistance(Millimetres(step)) => {
+                if since > 0
+                    && let Some(previous) = previous
+                {
+                    self.travelled += distance(previous.commanded, sample.commanded);
+                }
+                // The first sample is at distance 0; a step longer than a cycle's way cannot be due twice.
+                let due = self.travelled >= self.samples as f64 * step;
+                u32::from(due)
+            }
+            Sampling::ByPoints { tolerance, .. } => {
+                let near = tolerance.map_or(NEAR, |t| t.0);
+                let Some(tip) = tip else { return 0 };
+                let from = self.tip.replace(tip).unwrap_or(tip);
+                let mut passed = 0;
+                while let Some(point) = self.points.get(self.next_point)
+                    && from_segment(from, tip, *point) <= near
+                {
+                    self.next_point += 1;
+                    passed += 1;
+                }
+                passed
+            }
+        }
+    }
+
+    fn take(&mut self, sample: &Sample, rows: &mut Vec<Row>) {
+        self.samples += 1;
+        let by_count = match self.wanted.sampling {
+            Sampling::ByCount(samples) => Some(samples as usize),
+            _ => None,
+        };
+        for (channel, kept) in self.channels.iter_mut().zip(&mut self.kept) {
+            let value = channel.window.take(channel.statistic);
+            let row = row(channel.stream, sample, value);
+            if by_count.is_some() { kept.push(row) } else { rows.push(row) }
+        }
+        // Far too much: every second goes, and from here on only every second comes.
+        if let Some(samples) = by_count
+            && self.kept.first().is_some_and(|k| k.len() > 8 * samples)
+        {
+            self.stride *= 2;
+            for kept in &mut self.kept {
+                let mut keep = false;
+                kept.retain(|_| {
+                    keep = !keep;
+                    keep
+                });
+            }
+        }
+    }
+}
+
+fn row(stream: u32, sample: &Sample, value: Option<f64>) -> Row {
+    Row {
+        tick: sample.tick,
+        stream,
+        value,
+        quality: sample.quality,
+        step: sample.step,
+        workingstep: sample.workingstep,
+        tool: sample.tool,
+    }
+}
+
+/// Whole cycles of a sampling by cycles or time.
+fn cycles_of(sampling: &Sampling) -> Option<u64> {
+    match sampling {
+        Sampling::ByCycle(factor) => Some(u64::from(*factor)),
+        Sampling::ByTime(interval) => Some((libm::round(interval.0 / TICK.0) as u64).max(1)),
+        _ => None,
+    }
+}
+
+/// So many of the rows, the first and the last among them, as even as they come.
+fn evenly(rows: &[Row], count: usize) -> Vec<Row> {
+    if rows.len() <= count {
+        return rows.to_vec();
+    }
+    if count == 1 {
+        return rows[..1].to_vec();
+    }
+    let last = rows.len() - 1;
+    (0..count).map(|k| rows[(k * last + (count - 1) / 2) / (count - 1)]).collect()
+}
+
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    let squares: f64 = (0..3).map(|k| (a[k] - b[k]) * (a[k] - b[k])).sum();
+    libm::sqrt(squares)
+}
+
+/// Distance of a point from the way between two places.
+fn from_segment(from: [f64; 3], to: [f64; 3], point: [f64; 3]) -> f64 {
+    let way: [f64; 3] = std::array::from_fn(|k| to[k] - from[k]);
+    let length: f64 = way.iter().map(|v| v * v).sum();
+    let along: f64 = (0..3).map(|k| (point[k] - from[k]) * way[k]).sum();
+    let part = if length > 0.0 { (along / length).clamp(0.0, 1.0) } else { 0.0 };
+    distance(std::array::from_fn(|k| from[k] + way[k] * part), point)
+}

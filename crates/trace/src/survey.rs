@@ -1,0 +1,407 @@
+//! The functions of a program looked at before it runs: what can be known to go wrong, and what this machine cannot give.
+//!
+//! Fed with the steps of a look through the program, in order; the codes are those of the manual's table of errors. A function inside a
+//! branch that the look did not take is seen when it runs.
+
+use crate::compile::{Compiled, compile, signal_of};
+use crate::functions::{Call, TraceId};
+use crate::sensor::{Sensor, streams};
+use crate::{Function, is_line, parse};
+use plan::{Diagnostic, Diagnostics, Level, Place, RawNcFunction, Severity, Step, StepKind};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What a look through a program found of its functions.
+#[derive(Clone, Debug, Default)]
+pub struct Survey {
+    file: String,
+    /// Names of functions with how often they came.
+    counts: BTreeMap<String, u32>,
+    /// Conditions by the line that starts them.
+    compiled: BTreeMap<String, Compiled>,
+    /// In the order in which they came.
+    order: Vec<String>,
+    /// Streams that were asked for and this machine has not.
+    missing: BTreeSet<String>,
+    /// What is active: kind and id, and the depth of workplans in which it began.
+    active: BTreeMap<(Kind, TraceId), usize>,
+    /// What was ever started.
+    started: BTreeSet<(Kind, TraceId)>,
+    depth: usize,
+    /// Inside an operation that the program itself has.
+    inside_operation: bool,
+    diagnostics: Diagnostics,
+    all_modes: bool,
+    operations: usize,
+}
+
+/// Functions that are started and stopped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    Recording,
+    Tools,
+    Events,
+    Operators,
+    Synchronized,
+}
+
+impl Kind {
+    fn word(self) -> &'static str {
+        match self {
+            Kind::Recording => "sensor recording",
+            Kind::Tools => "tool logging",
+            Kind::Events => "event logging",
+            Kind::Operators => "operator logging",
+            Kind::Synchronized => "synchronized action",
+        }
+    }
+}
+
+/// What the functions of a program come to.
+#[derive(Clone, Debug, Default)]
+pub struct Found {
+    /// Names of functions with how often they came, unknown ones too.
+    pub counts: BTreeMap<String, u32>,
+    /// Conditions in the order in which they are met first: the canonical line, and what is loaded.
+    pub conditions: Vec<(String, Compiled)>,
+    /// Streams that this machine cannot give.
+    pub missing: Vec<String>,
+    /// What is wrong, odd or missing.
+    pub diagnostics: Vec<Diagnostic>,
+    /// An action goes on in all modes: somebody with the right to that has to be signed in.
+    pub all_modes: bool,
+}
+
+impl Survey {
+    /// Nothing seen yet; `file` is how findings call the program.
+    pub fn new(file: impl Into<String>) -> Self {
+        Survey {
+            file: file.into(),
+            ..Survey::default()
+        }
+    }
+
+    /// The next step.
+    pub fn step(&mut self, step: &Step) {
+        match &step.kind {
+            StepKind::Begin(marker) => match marker.level {
+                Level::Workplan => self.depth += 1,
+                Level::Operation => self.inside_operation = !marker.derived,
+                _ => {}
+            },
+            StepKind::End(Level::Workplan) => {
+                self.depth = self.depth.saturating_sub(1);
+                self.end_scope(self.depth + 1, step);
+            }
+            StepKind::End(Level::Operation) => self.inside_operation = false,
+            StepKind::NcFunction(function) => self.function(function, step),
+            _ => {}
+        }
+    }
+
+    /// The program is over.
+    pub fn finish(mut self) -> Found {
+        let open: Vec<_> = self.active.keys().cloned().collect();
+        for (kind, id) in open {
+            let found = Diagnostic::remark("T-04", format!("{} {id} has no stop: the program's end ends it", kind.word()));
+            self.diagnostics.add(found.in_file(self.file.clone()));
+        }
+        if !self.missing.is_empty() {
+            let names: Vec<&str> = self.missing.iter().map(String::as_str).collect();
+            let found = Diagnostic::warning("T-05", format!("this machine has no {}", names.join(", ")))
+                .remedy("their values are recorded as unavailable, and conditions on them are never fulfilled");
+            self.diagnostics.add(found.in_file(self.file.clone()));
+        }
+        let mut compiled = self.compiled;
+        Found {
+            counts: self.counts,
+            conditions: self
+                .order
+                .into_iter()
+                .filter_map(|line| compiled.remove(&line).map(|c| (line, c)))
+                .collect(),
+            missing: self.missing.into_iter().collect(),
+            diagnostics: self.diagnostics.as_slice().to_vec(),
+            all_modes: self.all_modes,
+        }
+    }
+
+    fn function(&mut self, raw: &RawNcFunction, step: &Step) {
+        if raw.is_of_the_control() {
+            return;
+        }
+        let along_a_path = raw.kind == ALONG;
+        for line in lines(raw) {
+            match parse(&line) {
+                Err(found) => self.diagnostics.add(self.placed(*found, step)),
+                Ok(function) => {
+                    *self.counts.entry(function.name.clone()).or_default() += 1;
+                    if self.inside_operation && !along_a_path {
+                        self.say(
+                            Severity::Error,
+                            "T-12",
+                            format!("{} stands between two paths of an operation", function.name),
+                            "put it along a path (other functions), or between the workingsteps",
+                            step,
+                        );
+                    }
+                    self.meaning(&function, step, along_a_path);
+                }
+            }
+        }
+    }
+
+    fn meaning(&mut self, function: &Function, step: &Step, along_a_path: bool) {
+        if let Some(variable) = &function.variable {
+            let small = variable.to_ascii_lowercase();
+            if small.starts_with("sensor:") || small.starts_with("trace:") {
+                self.say(
+                    Severity::Error,
+                    "T-07",
+                    format!("{} writes {variable}, which is the machine's", function.name),
+                    "give a variable of the program",
+                    step,
+                );
+            }
+        }
+        self.sensors(function, step);
+        match &function.call {
+            Call::Unknown => {
+                let meant = crate::meant(&function.name).map_or_else(String::new, |name| format!("did you mean {name}?"));
+                let text = format!(
+                    "the function {} is unknown here: it is kept and shown, and does nothing",
+                    function.name
+                );
+                self.say(Severity::Warning, "trace-unknown", text, &meant, step);
+            }
+            Call::StartSensorRecording(recording) => {
+                if !along_a_path {
+                    self.start(Kind::Recording, &recording.id, step);
+                }
+            }
+            Call::StopSensorRecording { id } => self.stop(Kind::Recording, id, step),
+            Call::StartToolLogging { id } => self.start(Kind::Tools, id, step),
+            Call::StopToolLogging { id } => self.stop(Kind::Tools, id, step),
+            Call::LogNcEvents { id, on: true, .. } => self.start(Kind::Events, id, step),
+            Call::LogNcEvents { id, on: false, .. } => self.stop(Kind::Events, id, step),
+            Call::LogOperatorData { id, on: true } => self.start(Kind::Operators, id, step),
+            Call::LogOperatorData { id, on: false } => self.stop(Kind::Operators, id, step),
+            Call::StopSynchronizedAction { id } => self.stop(Kind::Synchronized, id, step),
+            Call::StartSynchronizedAction(action) => {
+                if !along_a_path {
+                    self.start(Kind::Synchronized, &action.id, step);
+                }
+                self.all_modes |= action.all_modes;
+                match compile(action) {
+                    Err(refused) => self.say(Severity::Error, refused.code, refused.message, &refused.remedy, step),
+                    Ok(compiled) => {
+                        self.missing.extend(compiled.missing.iter().cloned());
+                        for inner in &action.actions {
+                            self.sensors(inner, step);
+                        }
+                        self.keep(function.to_string(), compiled, step);
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn keep(&mut self, line: String, compiled: Compiled, step: &Step) {
+        if self.compiled.contains_key(&line) {
+            return;
+        }
+        self.operations += compiled.operations.len();
+        let (most, room) = (machine::watch::CONDITIONS, machine::watch::OPERATIONS);
+        if self.order.len() >= most || self.operations > room {
+            let text = format!(
+                "the program has more conditions than the cycle takes: {} with {} operations, {most} with {room} are the most",
+                self.order.len() + 1,
+                self.operations
+            );
+            self.say(Severity::Error, "T-09", text, "take some out", step);
+            return;
+        }
+        self.order.push(line.clone());
+        self.compiled.insert(line, compiled);
+    }
+
+    fn sensors(&mut self, function: &Function, step: &Step) {
+        match wanted(function) {
+            Err((message, remedy)) => self.say(Severity::Error, "T-05", message, &remedy, step),
+            Ok(sensors) => {
+                let missing: Vec<String> = sensors
+                    .iter()
+                    .filter(|s| signal_of(s).is_none())
+                    .map(ToString::to_string)
+                    .collect();
+                if function.value("required") == Some(&crate::Value::State(true)) && !missing.is_empty() {
+                    let text = format!("{} requires {}, and this machine has none", function.name, missing.join(", "));
+                    self.say(
+                        Severity::Error,
+                        "T-05-required",
+                        text,
+                        "run it on a machine with that sensor",
+                        step,
+                    );
+                }
+                self.missing.extend(missing);
+            }
+        }
+    }
+
+    fn start(&mut self, kind: Kind, id: &TraceId, step: &Step) {
+        let key = (kind, id.clone());
+        if self.active.contains_key(&key) {
+            self.say(
+                Severity::Error,
+                "T-02",
+                format!("{} {id} is started while it is active", kind.word()),
+                "stop it first, or give another id",
+                step,
+            );
+            return;
+        }
+        self.started.insert(key.clone());
+        self.active.insert(key, self.depth);
+    }
+
+    fn stop(&mut self, kind: Kind, id: &TraceId, step: &Step) {
+        let key = (kind, id.clone());
+        if self.active.remove(&key).is_some() {
+            return;
+        }
+        let (severity, why) = if self.started.contains(&key) {
+            (Severity::Warning, "is not active any more here")
+        } else {
+            (Severity::Error, "was never started on this path")
+        };
+        self.say(
+            severity,
+            "T-01",
+            format!("{} {id} is stopped and {why}", kind.word()),
+            "start it before, or take the stop out",
+            step,
+        );
+    }
+
+    /// A workplan is over: recordings that began in it are.
+    fn end_scope(&mut self, depth: usize, step: &Step) {
+        let over: Vec<_> = self
+            .active
+            .iter()
+            .filter(|((kind, _), began)| *kind == Kind::Recording && **began >= depth)
+            .map(|(key, _)| key.clone())
+            .collect();
+        for key in over {
+            self.active.remove(&key);
+            let text = format!("{} {} has no stop: its workplan's end ends it", key.0.word(), key.1);
+            self.say(Severity::Remark, "T-04", text, "", step);
+        }
+    }
+
+    fn say(&mut self, severity: Severity, code: &'static str, message: String, remedy: &str, step: &Step) {
+        let found = Diagnostic::new(severity, code, message).remedy(remedy);
+        self.diagnostics.add(self.placed(found, step));
+    }
+
+    /// With the place of the step: a column within the line is told when the step is an entity.
+    fn placed(&self, mut found: Diagnostic, step: &Step) -> Diagnostic {
+        let column = found.column;
+        found = found.in_file(self.file.clone());
+        (found.line, found.column) = (0, 0);
+        match step.origin.place {
+            // `(trace:1 ...`: the line begins behind the bracket.
+            Place::Text { line, .. } => found.at_line(line, column + 1),
+            Place::Entity(id) => {
+                if column > 0 {
+                    found.message = format!("column {column} of the function: {}", found.message);
+                }
+                found.at_entity(id)
+            }
+            Place::Given => found,
+        }
+    }
+}
+
+/// Who starts an action that outlives the program has to be of this level or stronger.
+pub const ALL_MODES_LEVEL: u8 = 6;
+
+/// The kind of a function along a path.
+pub const ALONG: &str = "other functions";
+
+/// Name of a condition along a path that names sensors to record; what stands under it are aliases with axes, as `drive-load-x`.
+pub const ALONG_RECORD: &str = "trace.record";
+/// Name of the one that says when: `every 4 cycles`, or what `its_sampling` takes.
+pub const ALONG_SAMPLING: &str = "trace.sampling";
+
+/// The lines of the vocabulary in a function as the program has it: its text, or what stands along a path.
+///
+/// Along a path a line is the name of a condition, or its mode; several of one name come joined by commas. The short form of
+/// [`ALONG_RECORD`] becomes the recording that it means.
+pub fn lines(raw: &RawNcFunction) -> Vec<String> {
+    if raw.kind != ALONG {
+        return if is_line(&raw.text) { vec![raw.text.clone()] } else { vec![] };
+    }
+    let mut found = Vec::new();
+    for (name, mode) in &raw.properties {
+        if is_line(name) {
+            found.push(name.clone());
+        } else if is_line(mode) {
+            let mut rest = mode.as_str();
+            while let Some(at) = rest[1..].find(",trace:") {
+                found.push(rest[..=at].to_owned());
+                rest = &rest[at + 2..];
+            }
+            found.push(rest.to_owned());
+        }
+    }
+    if let Some(sensors) = raw.properties.get(ALONG_RECORD) {
+        let sensors: Vec<String> = sensors.split(',').map(along_sensor).collect();
+        let sampling = raw.properties.get(ALONG_SAMPLING).map_or_else(String::new, |said| {
+            let words: Vec<&str> = said.split_whitespace().collect();
+            match words[..] {
+                ["every", n, "cycles" | "cycle"] => format!(" its_sampling={n}"),
+                _ => format!(" its_sampling={}", said.replace(' ', "")),
+            }
+        });
+        found.push(format!(
+            "{} start_sensor_recording its_function_id=path its_sensors={}{sampling}",
+            crate::PREFIX,
+            sensors.join(",")
+        ));
+    }
+    found
+}
+
+/// `drive-load-x` is the drive load of X; anything else is a name as it stands.
+fn along_sensor(written: &str) -> String {
+    let written = written.trim();
+    let name = written.replace('-', "_");
+    if let Some((alias, axis)) = name.rsplit_once('_')
+        && axis.len() <= 2
+        && let Ok(found) = streams(alias, &[axis.to_ascii_uppercase()])
+        && let Some(sensor) = found.first()
+    {
+        return sensor.to_string();
+    }
+    name
+}
+
+/// The streams that a function asks for.
+///
+/// # Errors
+/// What is wrong with a name, and what to write.
+pub fn wanted(function: &Function) -> Result<Vec<Sensor>, (String, String)> {
+    let found = match &function.call {
+        Call::ReadSensorValue { sensor, axes } => streams(sensor, axes),
+        Call::StartSensorRecording(recording) => recording
+            .sensors
+            .iter()
+            .map(|name| streams(name, &recording.axes))
+            .collect::<Result<Vec<_>, _>>()
+            .map(|all| all.concat()),
+        Call::Get(measurement) | Call::GetPoints(measurement) => measurement.streams(),
+        _ => Ok(vec![]),
+    };
+    found.map_err(|refused| (refused.message, refused.remedy))
+}

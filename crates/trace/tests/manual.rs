@@ -1,0 +1,245 @@
+//! The manual's page of functions, the EXPRESS schema and its mapping table are written from the slice: `UPDATE_EXPECT=1` writes them anew.
+#![allow(
+    clippy::disallowed_methods,
+    reason = "the test reads and writes files of the repository, and asks whether to"
+)]
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use trace::functions::{Block, Key};
+use trace::sensor::{PREDEFINED, TYPES};
+use trace::{Definition, FUNCTIONS, Kind};
+
+fn docs(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs").join(name)
+}
+
+#[track_caller]
+fn check(name: &str, expected: &str) {
+    let path = docs(name);
+    if std::env::var_os("UPDATE_EXPECT").is_some() {
+        std::fs::write(&path, expected).expect("docs can be written");
+    }
+    let found = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        found == expected,
+        "{} is not what the functions say: run UPDATE_EXPECT=1 cargo test -p trace --test manual",
+        path.display()
+    );
+}
+
+fn blocks() -> [(Block, &'static str); 3] {
+    [
+        (Block::General, "Time, tool, machine, coolant, operator, alarms, events"),
+        (Block::Sensors, "Sensors"),
+        (Block::SynchronizedActions, "Synchronized actions"),
+    ]
+}
+
+const HEAD: &str = "# Functions of a program\n\n\
+A traceability function is one line, `trace:1 <function> key=value ...`. In STEP-NC it is the text of an extended NC function, or a\n\
+condition along a path (`other functions`); in G-code a comment in a block of its own, `(trace:1 ...)`, going on in `(trace:+ ...)`.\n\
+The keys are attribute names; `its_` may be left out, and case does not matter outside quotes. A text with blanks stands in double quotes,\n\
+a quote in it is written twice. Numbers may have a unit: `20ms`, `0.5 mm`, `80 %`. In a comment round brackets are written `[ ]`, in\n\
+quotes `%28 %29`. An unknown key is an error; an unknown function is kept, shown, and does nothing.\n\n\
+A function takes effect in the servo cycle in which the last set-point before it is put out; it never stops the path. `toolmark check` says\n\
+what is wrong and what this machine cannot give, `toolmark trace show` what was recorded. Values of recordings are in `functions.parquet`\n\
+of the job, everything else in its log.\n\n\
+*This page is written from the code: `UPDATE_EXPECT=1 cargo test -p trace --test manual`.*\n";
+
+fn manual() -> String {
+    let mut page = HEAD.to_owned();
+    for (block, title) in blocks() {
+        let _ = write!(page, "\n## {title}\n");
+        for function in FUNCTIONS.iter().filter(|f| f.block == block) {
+            let _ = write!(page, "\n### `{}`\n\n{}\n", function.name, function.doc);
+            if !function.also.is_empty() {
+                let _ = writeln!(page, "Also read as {}.", function.also.join(", "));
+            }
+            let _ = writeln!(page, "Records: {}.", function.record);
+            if let Some(measure) = function.measure {
+                let unit = match measure.dimension.unit() {
+                    "" => "no unit".to_owned(),
+                    unit => unit.to_owned(),
+                };
+                let _ = writeln!(
+                    page,
+                    "MTConnect type {}, {unit}. Without the sensor: {}.",
+                    measure.quantity, measure.without_sensor
+                );
+            }
+            if function.is_action {
+                page.push_str("May be an action.\n");
+            }
+            page.push_str("\n| key | takes | |\n|---|---|---|\n");
+            for key in function.keys() {
+                let needed = if key.required { "**needed**: " } else { "" };
+                let _ = writeln!(
+                    page,
+                    "| `{}` | {} | {needed}{} |",
+                    key.name,
+                    key.kind.to_string().replace('|', "\\|"),
+                    key.doc
+                );
+            }
+            let _ = write!(page, "\n```\n{}\n```\n", function.example);
+        }
+    }
+    page.push_str("\n## Names in conditions\n\nSensors are named `component.TYPE`, as `X.LOAD`; the `<x>` of each `get_<x>` is an alias.\n\n");
+    page.push_str("| value of every machine | unit | |\n|---|---|---|\n");
+    for (name, _, dimension, doc) in PREDEFINED {
+        let _ = writeln!(page, "| `{name}` | {} | {doc} |", dimension.symbol());
+    }
+    page.push_str("| `alarm[n]` | | true while the alarm n, 1 to 999, is active |\n\n| type | unit of records |\n|---|---|\n");
+    for (kind, dimension) in TYPES {
+        let _ = writeln!(page, "| {kind} | {} |", dimension.unit());
+    }
+    page.push_str(
+        "\n## Errors\n\n| code | case | at load | at run time |\n|---|---|---|---|\n\
+| T-01 | stop without an active start | error; a warning where it was started before | event, goes on |\n\
+| T-02 | id started while active | error | start ignored, event |\n\
+| T-03 | clear of an alarm that is not active | | event |\n\
+| T-04 | start without stop in its scope | remark | ended by its scope, reason recorded |\n\
+| T-05 | sensor that this machine has not | warning; error with `required=ON` | quality unavailable, one event an outage |\n\
+| T-06 | a condition that makes no sense: names, units, kinds | error | |\n\
+| T-07 | a variable of the machine is written | error | |\n\
+| T-08 | a function that cannot be an action | error | |\n\
+| T-09 | more conditions or firings than the cycle takes | error | what is only recorded goes first, counted |\n\
+| T-10 | cycles lost on their way to a recording | | counted in the recording |\n\
+| T-11 | not of the level that is needed | refused | refused |\n\
+| T-12 | between two paths of an operation, inside a canned cycle, a contour or a modal call's body | error | |\n",
+    );
+    page
+}
+
+fn type_of(key: &Key) -> String {
+    match key.kind {
+        Kind::Text if key.name.ends_with("_id") || key.name == "its_id" => "trace_id".to_owned(),
+        Kind::Text => "text".to_owned(),
+        Kind::Integer(1, 10) => "edit_level".to_owned(),
+        Kind::Integer(..) => "INTEGER".to_owned(),
+        Kind::Number(_) => "REAL".to_owned(),
+        Kind::State => "BOOLEAN".to_owned(),
+        Kind::Word(_) => format!("{}_word", key.name.trim_start_matches("its_")),
+        Kind::List => "LIST [1:?] OF label".to_owned(),
+        Kind::Condition => "text".to_owned(),
+        Kind::Actions => "LIST [1:?] OF trace_function".to_owned(),
+        Kind::Sampling => "sampling".to_owned(),
+        Kind::Reference => "label".to_owned(),
+    }
+}
+
+/// Words that EXPRESS reserves, and `none`, which says nothing alone.
+fn word(of: &str, word: &str) -> String {
+    let word = word.to_lowercase();
+    if ["from", "none", "all", "work", "function", "reset"].contains(&word.as_str()) {
+        format!("{}_{word}", of.trim_start_matches("its_"))
+    } else {
+        word
+    }
+}
+
+fn schema() -> String {
+    let mut text = "(* Traceability functions of a program, as subtypes of the NC function of ISO 10303-238's ARM.\n   \
+Written from the code: UPDATE_EXPECT=1 cargo test -p trace --test manual *)\nSCHEMA traceability_functions_arm;\n\n\
+TYPE label = STRING; END_TYPE;\nTYPE text = STRING; END_TYPE;\nTYPE identifier = STRING; END_TYPE;\n\
+TYPE trace_id = identifier; END_TYPE;\nTYPE edit_level = INTEGER; WHERE WR1: {1 <= SELF <= 10}; END_TYPE;\n\n\
+ENTITY nc_function ABSTRACT SUPERTYPE; its_id : identifier; END_ENTITY;\n\n\
+ENTITY sampling ABSTRACT SUPERTYPE OF (ONEOF (by_cycle, by_time, by_distance, by_points, by_count)); END_ENTITY;\n\
+ENTITY by_cycle SUBTYPE OF (sampling); factor : INTEGER; WHERE WR1: factor >= 1; END_ENTITY;\n\
+ENTITY by_time SUBTYPE OF (sampling); interval_s : REAL; END_ENTITY;\n\
+ENTITY by_distance SUBTYPE OF (sampling); step_mm : REAL; END_ENTITY;\n\
+ENTITY by_points SUBTYPE OF (sampling); curve : label; tolerance_mm : OPTIONAL REAL; END_ENTITY;\n\
+ENTITY by_count SUBTYPE OF (sampling); samples : INTEGER; WHERE WR1: samples >= 1; END_ENTITY;\n\n"
+        .to_owned();
+    let mut words: Vec<(&str, &[&str])> = Vec::new();
+    for key in FUNCTIONS.iter().flat_map(|f| f.keys()) {
+        if let Kind::Word(all) = key.kind
+            && !words.iter().any(|(name, _)| *name == key.name)
+        {
+            words.push((key.name, all));
+        }
+    }
+    for (name, all) in words {
+        let all: Vec<String> = all.iter().map(|w| word(name, w)).collect();
+        let _ = writeln!(
+            text,
+            "TYPE {}_word = ENUMERATION OF ({}); END_TYPE;",
+            name.trim_start_matches("its_"),
+            all.join(", ")
+        );
+    }
+    text.push_str(
+        "\nENTITY trace_function ABSTRACT SUPERTYPE SUBTYPE OF (nc_function);\n  its_log : OPTIONAL label;\nEND_ENTITY;\n",
+    );
+    for function in FUNCTIONS {
+        let _ = write!(
+            text,
+            "\n(* {} *)\nENTITY {} SUBTYPE OF (trace_function);\n",
+            function.doc, function.name
+        );
+        for key in function.keys().filter(|key| key.name != "its_log") {
+            let optional = if key.required { "" } else { "OPTIONAL " };
+            // The identifier of the NC function is its place in the file; the id that a stop refers to has a name of its own.
+            let name = if key.name == "its_id" { "action_id" } else { key.name };
+            let _ = writeln!(text, "  {name} : {optional}{};", type_of(key));
+        }
+        text.push_str("END_ENTITY;\n");
+    }
+    text.push_str("\nEND_SCHEMA;\n");
+    text
+}
+
+fn mapping() -> String {
+    let mut page = "# How the functions stand in a file of ISO 10303-238\n\n\
+The schema is `traceability_functions.exp`. It adds no entity to the AIM: a file with a new entity would be refused by every reader there\n\
+is. Each function is one `MACHINING_NC_FUNCTION`, its text one line (`functions.md`). The standard contradicts itself about the two names,\n\
+so both are read; the first is written.\n\n\
+| ARM | AIM |\n|---|---|\n\
+| trace_function (any) | `MACHINING_NC_FUNCTION(name, 'extended function', '', '')` with `ACTION_PROPERTY('description', ...)` and a `DESCRIPTIVE_REPRESENTATION_ITEM('', 'trace:1 ...')` |\n\
+| the same, by the AIM's local rule | `'legacy function'` with the property `'function text'` |\n\
+| along a path | `MACHINING_FUNCTIONS`, property `'other functions'`: an item whose name or description is the line; or `trace.record` and `trace.sampling` |\n\
+| result of a single value | dated process property on the twin of its workingstep, with unit |\n\
+| samples of a recording | `functions.parquet` of the job, by the hash in its log |\n\n\
+| function | attributes, in the order of the schema |\n|---|---|\n"
+        .to_owned();
+    for function in FUNCTIONS {
+        let keys: Vec<&str> = function.keys().map(|key| key.name).collect();
+        let _ = writeln!(page, "| {} | {} |", function.name, keys.join(", "));
+    }
+    page
+}
+
+#[test]
+fn the_manual_has_a_section_for_every_function() {
+    check("functions.md", &manual());
+}
+
+#[test]
+fn the_schema_has_an_entity_for_every_function() {
+    check("traceability_functions.exp", &schema());
+}
+
+#[test]
+fn the_mapping_table_has_a_row_for_every_function() {
+    check("traceability_functions.md", &mapping());
+}
+
+#[test]
+fn every_entity_of_the_schema_refers_to_what_is_in_it() {
+    let text = schema();
+    let declared: Vec<String> = text
+        .lines()
+        .filter_map(|line| line.strip_prefix("ENTITY ").or(line.strip_prefix("TYPE ")))
+        .filter_map(|rest| rest.split([' ', ';']).next())
+        .map(str::to_owned)
+        .collect();
+    for line in text.lines().filter(|line| line.starts_with("  ")) {
+        let kind = line.split(':').nth(1).unwrap_or_default().trim().trim_end_matches(';');
+        let kind = kind.trim_start_matches("OPTIONAL ").rsplit(' ').next().unwrap_or_default();
+        let built_in = ["INTEGER", "REAL", "BOOLEAN", "Written"].contains(&kind) || line.contains("Written from");
+        assert!(built_in || declared.iter().any(|d| d == kind), "{line}");
+    }
+    let unique = |f: &&Definition| declared.iter().filter(|d| **d == f.name).count() == 1;
+    assert!(FUNCTIONS.iter().all(|f| unique(f)));
+}
