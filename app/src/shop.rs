@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use store::machine_file::{HomeEnd, MachineKind};
 use store::{DataDirectory, Ending, MachineFile, StoreError};
-use units::{Axis, Millimetres, MmPerSec, MmPerSec2, Timestamp};
+use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Timestamp};
 
 /// A blend may leave the path this far where the program does not say.
 pub const DEFAULT_PATH_TOLERANCE: Millimetres = Millimetres(0.01);
@@ -35,14 +35,13 @@ pub fn failure(error: StoreError) -> Failure {
     Failure { exit, message }
 }
 
-/// Speed and acceleration of the axes, for the planner. An axis that the machine does not have does not limit. The machine's jerk is not
-/// among them yet: `docs/decisions/0010-jerk.md` says why.
+/// Speed, acceleration and jerk of the axes, for the planner. An axis that the machine does not have does not limit.
 pub fn limits(machine: &MachineFile) -> Limits {
     let of = |read: fn(&store::machine_file::AxisFile) -> f64| Axis::ALL.map(|a| machine.axis(a).map_or(1e6, read));
     Limits {
         v_max: of(|a| a.v_max.0).map(MmPerSec),
         a_max: of(|a| a.a_max.0).map(MmPerSec2),
-        j_max: None,
+        j_max: Some(of(|a| a.j_max.0).map(MmPerSec3)),
         tolerance: DEFAULT_PATH_TOLERANCE,
     }
 }

@@ -2,7 +2,10 @@
 //!
 //! A part is made from STEP-NC on the simulated machine with a wrong set-up planted in one workingstep; the rebuild finds and names it,
 //! from the whole record and from positions as an MTConnect agent gives them. A shaft is turned from G-code with a worn tool; its
-//! measured size becomes one offset change, and the next shaft is better. Every number that is printed is computed here and now.
+//! measured size becomes one offset change, and the next shaft is better. A recording and a synchronized action are put into the bracket's
+//! program, done by the machine and posted. Every number that is printed is computed here and now.
+
+mod asked;
 
 use super::size::{self, Bench, Entering};
 use super::{Done, print_json};
@@ -63,9 +66,10 @@ pub fn demo(args: &DemoArgs, common: &Common) -> Done {
 
     let bracket = story.bracket()?;
     let shaft = story.shaft()?;
+    let asked = story.asked()?;
     let findings = directory.verify().map_err(shop::failure)?;
     tell("");
-    tell("3. The proof");
+    tell("4. The proof");
     tell(&format!(
         "   the data directory holds {} jobs, {} records and their chained events; verified: {}",
         directory.jobs().map_err(shop::failure)?.len(),
@@ -78,7 +82,7 @@ pub fn demo(args: &DemoArgs, common: &Common) -> Done {
     ));
     tell(&format!("   files: {}", folder.display()));
     tell("   look at bracket/report.html first; run it on your own program: toolmark run PROGRAM --fast --out DIR");
-    let true_story = bracket.came_true && shaft.came_true && findings.is_empty();
+    let true_story = bracket.came_true && shaft.came_true && asked.came_true && findings.is_empty();
     if quiet {
         print_json(&json!({
             "simulated": true,
@@ -87,6 +91,7 @@ pub fn demo(args: &DemoArgs, common: &Common) -> Done {
             "folder": folder,
             "bracket": bracket.numbers,
             "shaft": shaft.numbers,
+            "asked": asked.numbers,
             "verified": findings.is_empty(),
             "came_true": true_story,
         }))?;

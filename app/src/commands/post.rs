@@ -22,6 +22,39 @@ use units::{Machine, Setup, Transform};
 /// # Errors
 /// The program cannot be read, or says what the control cannot; or the file cannot be written.
 pub fn post(args: &PostArgs, common: &Common) -> Done {
+    let program = Program::open(
+        &args.program,
+        common.dialect.as_deref(),
+        named_machine(&common.machine)?.as_ref(),
+    )?;
+    let Written { posted, text, about } = posted(args, &program, &common.machine)?;
+    match &args.out {
+        Some(out) => files::write(out, &text)?,
+        None if common.json => {}
+        None => std::io::stdout()
+            .write_all(&text)
+            .map_err(|e| Failure::machine(format_args!("stdout: {e}")))?,
+    }
+    tell(args, common, about, &posted, &text)?;
+    let refused = posted.functions.iter().any(|row| row.grade == Grade::Refused);
+    Ok(if refused { Exit::Negative } else { Exit::Good })
+}
+
+/// A program in the words of a control.
+pub struct Written {
+    /// What came of it.
+    pub posted: Posted,
+    /// The program.
+    pub text: Vec<u8>,
+    /// The control, in words.
+    pub about: &'static str,
+}
+
+/// Writes an open program for the control of the arguments; `machine` is as for `--machine`.
+///
+/// # Errors
+/// The arguments make no sense, or the program says what the control cannot.
+pub fn posted(args: &PostArgs, program: &Program, machine: &str) -> Result<Written, Failure> {
     let control = ::post::by_name(&args.control).ok_or_else(|| {
         let names: Vec<&str> = CONTROLS.iter().map(|control| control.name()).collect();
         Failure::usage(format_args!(
@@ -36,13 +69,8 @@ pub fn post(args: &PostArgs, common: &Common) -> Done {
             args.chord
         )));
     }
-    let program = Program::open(
-        &args.program,
-        common.dialect.as_deref(),
-        named_machine(&common.machine)?.as_ref(),
-    )?;
     let turning = program.turns();
-    let machine = machine_for(&common.machine, turning)?;
+    let machine = machine_for(machine, turning)?;
     let tables = store::registers::tables(&machine, &BTreeMap::new()).map_err(shop::failure)?;
     let mut head = Vec::new();
     let (dialect, because) = program.dialect();
@@ -53,7 +81,7 @@ pub fn post(args: &PostArgs, common: &Common) -> Done {
     if args.as_interpreted {
         head.push("AS INTERPRETED: BRANCHES AND VALUES OF THE MACHINE ARE AS THEY CAME WITHOUT A MACHINE".to_owned());
     }
-    let bases = bases(&program, &mut head);
+    let bases = bases(program, &mut head);
     let options = Options {
         number: args.number,
         source: program.name.clone(),
@@ -67,7 +95,7 @@ pub fn post(args: &PostArgs, common: &Common) -> Done {
     let mut text = Vec::new();
     let done = ::post::post(
         control,
-        &mut |pass| open(&program, &tables, pass, args.as_interpreted),
+        &mut |pass| open(program, &tables, pass, args.as_interpreted),
         &options,
         &mut |line| text.extend_from_slice(line.as_bytes()),
     );
@@ -95,16 +123,11 @@ pub fn post(args: &PostArgs, common: &Common) -> Done {
             ),
         });
     }
-    match &args.out {
-        Some(out) => files::write(out, &text)?,
-        None if common.json => {}
-        None => std::io::stdout()
-            .write_all(&text)
-            .map_err(|e| Failure::machine(format_args!("stdout: {e}")))?,
-    }
-    tell(args, common, control.about(), &posted, &text)?;
-    let refused = posted.functions.iter().any(|row| row.grade == Grade::Refused);
-    Ok(if refused { Exit::Negative } else { Exit::Good })
+    Ok(Written {
+        posted,
+        text,
+        about: control.about(),
+    })
 }
 
 /// The program for a pass.
