@@ -365,14 +365,14 @@ fn a_cut_is_a_controlled_stop_on_the_path_and_the_part_is_finished_after_it() {
 }
 
 /// The sender dies before the first motion, the controller in it, as of what the sender gave it: nobody who is left knows that anything moved.
-fn both_die_in_the_first_motion(orderly: bool) -> Vec<LinkFault> {
+fn both_die_in_the_first_motion(sender: u64, controller: u64, orderly: bool) -> Vec<LinkFault> {
     vec![
         LinkFault::SenderKilled {
-            at: Tick(487),
+            at: Tick(sender),
             ticks: 455,
         },
         LinkFault::ControllerRestarted {
-            at: Tick(667),
+            at: Tick(controller),
             ticks: 990,
             orderly,
         },
@@ -381,11 +381,17 @@ fn both_die_in_the_first_motion(orderly: bool) -> Vec<LinkFault> {
 
 #[test]
 fn a_first_motion_that_nobody_knows_of_is_led_back_to_its_beginning_when_the_person_allows_it() {
-    for program in [small_program(), curved_program()] {
-        let v = machined_of(&program, both_die_in_the_first_motion(false), 783, (0, 3), false);
+    // Early in it; and, on the second program, in the stop that the silent sender caused, more than 100 mm from the beginning.
+    for (program, sender, controller) in [
+        (small_program(), 487, 667),
+        (curved_program(), 487, 667),
+        (curved_program(), 585, 900),
+    ] {
+        let faults = both_die_in_the_first_motion(sender, controller, false);
+        let v = machined_of(&program, faults, 783, (0, 3), false);
         assert_eq!(
-            (v.ended, v.left, v.beside, v.stops, v.approaches, v.left_alone > 0),
-            (Some(Ended::Completed), 0, 0, 0, 1, true)
+            (v.ended, v.left, v.beside, v.approaches, v.left_alone > 0),
+            (Some(Ended::Completed), 0, 0, 1, true)
         );
         assert!(
             v.approaching > 100 && v.acceleration <= 1.1,
@@ -399,7 +405,7 @@ fn a_first_motion_that_nobody_knows_of_is_led_back_to_its_beginning_when_the_per
 #[test]
 fn a_machine_on_the_path_of_a_first_motion_that_nobody_knows_of_goes_on_from_there() {
     for program in [small_program(), curved_program()] {
-        let v = machined_of(&program, both_die_in_the_first_motion(true), 783, (0, 3), false);
+        let v = machined_of(&program, both_die_in_the_first_motion(487, 667, true), 783, (0, 3), false);
         assert_eq!(
             (v.ended, v.left, v.beside, v.approaching, v.approaches, v.left_alone),
             (Some(Ended::Completed), 0, 0, 0, 0, 0)
@@ -415,7 +421,7 @@ fn a_first_motion_that_nobody_knows_of_moves_nothing_before_the_person_allows_it
         seed: 783,
         delay: (0, 3),
         batch: 10,
-        faults: both_die_in_the_first_motion(false),
+        faults: both_die_in_the_first_motion(487, 667, false),
         restarts: 5,
         operator: cell::Operator {
             cycle_start_after: None,
