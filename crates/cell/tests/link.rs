@@ -364,6 +364,130 @@ fn a_cut_is_a_controlled_stop_on_the_path_and_the_part_is_finished_after_it() {
     }
 }
 
+/// The sender dies before the first motion, the controller in it, as of what the sender gave it: nobody who is left knows that anything moved.
+fn both_die_in_the_first_motion(sender: u64, controller: u64, orderly: bool) -> Vec<LinkFault> {
+    vec![
+        LinkFault::SenderKilled {
+            at: Tick(sender),
+            ticks: 455,
+        },
+        LinkFault::ControllerRestarted {
+            at: Tick(controller),
+            ticks: 990,
+            orderly,
+        },
+    ]
+}
+
+#[test]
+fn a_first_motion_that_nobody_knows_of_is_led_back_to_its_beginning_when_the_person_allows_it() {
+    // Early in it; and, on the second program, in the stop that the silent sender caused, more than 100 mm from the beginning.
+    for (program, sender, controller) in [
+        (small_program(), 487, 667),
+        (curved_program(), 487, 667),
+        (curved_program(), 585, 900),
+    ] {
+        let faults = both_die_in_the_first_motion(sender, controller, false);
+        let v = machined_of(&program, faults, 783, (0, 3), false);
+        assert_eq!(
+            (v.ended, v.left, v.beside, v.approaches, v.left_alone > 0),
+            (Some(Ended::Completed), 0, 0, 1, true)
+        );
+        assert!(
+            v.approaching > 100 && v.acceleration <= 1.1,
+            "{} {}",
+            v.approaching,
+            v.acceleration
+        );
+    }
+}
+
+#[test]
+fn a_machine_on_the_path_of_a_first_motion_that_nobody_knows_of_goes_on_from_there() {
+    for program in [small_program(), curved_program()] {
+        let v = machined_of(&program, both_die_in_the_first_motion(487, 667, true), 783, (0, 3), false);
+        assert_eq!(
+            (v.ended, v.left, v.beside, v.approaching, v.approaches, v.left_alone),
+            (Some(Ended::Completed), 0, 0, 0, 0, 0)
+        );
+        assert!(v.back <= 3.0 && v.skipped <= 10.0, "{} {}", v.back, v.skipped);
+    }
+}
+
+#[test]
+fn a_first_motion_that_nobody_knows_of_moves_nothing_before_the_person_allows_it() {
+    let config = LinkedConfig {
+        machine: machine(),
+        seed: 783,
+        delay: (0, 3),
+        batch: 10,
+        faults: both_die_in_the_first_motion(487, 667, false),
+        restarts: 5,
+        operator: cell::Operator {
+            cycle_start_after: None,
+            ..LinkedConfig::default().operator
+        },
+        ..LinkedConfig::default()
+    };
+    let program = curved_program();
+    let mut world = LinkedWorld::new(config, || program.clone());
+    let (mut stands, mut displaced) = (None, None);
+    while world.now() < Tick(6_000) {
+        let mut last = None;
+        assert_eq!(world.advance(&mut (), &mut |report| last = Some(*report)), None);
+        let Some(report) = last.filter(|_| world.now() > Tick(2_000)) else {
+            continue;
+        };
+        // Cycle start alone, again and again.
+        if world.now().0 % 500 == 0 {
+            world.request(machine::Request::CycleStart);
+        }
+        assert_eq!(report.state, State::Ready, "at {:?}", world.now());
+        assert_eq!(*stands.get_or_insert(report.sample.commanded), report.sample.commanded);
+        displaced = world.sender().and_then(|s| s.status().displaced);
+    }
+    let off: [f64; 3] = stands.expect("the machine reports");
+    let way = off.iter().map(|x| x * x).sum::<f64>().sqrt();
+    // The way that the machine would go: to where the path begins, and not only to the nearest place on it.
+    assert!(
+        way > 1.0 && displaced.is_some_and(|d| (d - way).abs() < 1e-3),
+        "{displaced:?} of {way}"
+    );
+}
+
+#[test]
+fn a_pause_before_the_first_motion_is_not_passed_over_because_of_where_the_machine_stands() {
+    let [with, without] = [true, false].map(|pauses| {
+        let mut stock = cell::link::stock::Stock::new();
+        let (mut plan, mut commands) = (set_points(&small_program()).into_iter(), Vec::new());
+        if pauses {
+            commands.push(Command::Pause { step: units::StepId(1) });
+        }
+        commands.extend(plan.by_ref().take(60).map(Command::SetPoint));
+        commands.into_iter().for_each(|c| stock.push(c).expect("there is a place"));
+        stock
+    });
+    let machine = machine();
+    let place = |stock, position, done| {
+        let scaler = cell::link::scaled::Scaler::new(stock, &machine);
+        scaler.first_place(700, position, 0.05, done).expect("there is a path")
+    };
+    let there = without.set_point(50).expect("it was pushed").0.position;
+    let far = there.iter().map(|x| x * x).sum::<f64>().sqrt();
+    assert!(far > 0.5, "{far}");
+    // On the path, and nothing but motion before it: there. A pause that is done changes nothing; one that is not is still to come.
+    assert_eq!(place(&without, there, 0), (50.0, 0.0));
+    assert_eq!(place(&with, there, 1), (50.0, 0.0));
+    let (phase, distance) = place(&with, there, 0);
+    assert!(phase == 0.0 && (distance - far).abs() < 0.002, "{phase} {distance} {far}");
+    // Where the path begins, and beside the path: its beginning.
+    let (phase, distance) = place(&without, [0.0; 3], 0);
+    assert!(phase == 0.0 && distance < 0.002, "{phase} {distance}");
+    let beside = [there[0], there[1], there[2] + 1.0];
+    let (phase, distance) = place(&without, beside, 0);
+    assert!(phase == 0.0 && distance > 1.0, "{phase} {distance}");
+}
+
 /// How many seeds: 100 in CI, more by `cargo xtask soak link`.
 fn seeds() -> Vec<u64> {
     let number = |name: &str| std::env::var(name).ok().and_then(|v| v.parse().ok());

@@ -106,9 +106,17 @@ impl<'a> Scaler<'a> {
     }
 
     /// The way onto the plan from standing at `position` beside phase `phase`: back to the path, straight and slowly, if it is not on it,
-    /// and then along it until it is the plan itself. `done` commands of the plan are done.
+    /// and then along it until it is the plan itself. At phase 0 that is where the path begins ([`Scaler::start`]), and all of the plan
+    /// follows. `done` commands of the plan are done.
     pub fn lead(&self, phase: f64, position: [f64; 3], done: u64) -> Ramp {
-        let Some(start) = self.planned(phase, 0.0, 0.0) else {
+        let at_start = phase == 0.0;
+        let begin = || {
+            Some(Planned {
+                set_point: self.start()?,
+                done: 0,
+            })
+        };
+        let Some(start) = (if at_start { begin() } else { self.planned(phase, 0.0, 0.0) }) else {
             return Ramp {
                 entries: Vec::new(),
                 end: RampEnd::NoPlan,
@@ -122,7 +130,7 @@ impl<'a> Scaler<'a> {
         };
         self.approach(&start, position, &mut course);
         let whole = phase == libm::floor(phase);
-        let end = if whole && self.stock.rests_at(phase as u64) {
+        let end = if at_start || (whole && self.stock.rests_at(phase as u64)) {
             RampEnd::Done
         } else {
             self.rise(&mut course)
@@ -130,6 +138,37 @@ impl<'a> Scaler<'a> {
         Ramp {
             entries: course.entries,
             end,
+        }
+    }
+
+    /// Where the path begins: at rest, a cycle before its first set-point. `None`: that one is not known, or was let go of.
+    pub fn start(&self) -> Option<SetPoint> {
+        let (&first, _) = self.stock.set_point(1)?;
+        // Back at the acceleration of the first cycle; what its jerk adds is less than 1e-4 mm.
+        let way = |k: usize| (first.velocity[k] - first.acceleration[k] * TICK.0 / 2.0) * TICK.0;
+        let way: [f64; 3] = std::array::from_fn(way);
+        Some(SetPoint {
+            position: difference(first.position, way),
+            velocity: [0.0; 3],
+            acceleration: [0.0; 3],
+            path_length: (first.path_length - dot(way, way).sqrt()).max(0.0),
+            path_speed: 0.0,
+            ..first
+        })
+    }
+
+    /// Where a machine stands of which no motion is known, as [`Scaler::nearest`]: phase 0, where the path begins, unless it stands on the
+    /// path (within `near`, mm) further on. A pause after command `done` is one that the person is still to see: nothing stands behind it.
+    pub fn first_place(&self, cycles: u64, position: [f64; 3], near: f64, done: u64) -> Option<(f64, f64)> {
+        let to = difference(position, self.start()?.position);
+        let from_start = dot(to, to).sqrt();
+        let (phase, distance) = self.nearest(1, cycles, position)?;
+        let (_, number) = self.stock.set_point(libm::floor(phase) as u64)?;
+        let pauses = (done + 1..number).any(|n| matches!(self.stock.command(n), Some(Command::Pause { .. })));
+        if from_start <= near || distance > near || pauses {
+            Some((0.0, from_start))
+        } else {
+            Some((phase, distance))
         }
     }
 

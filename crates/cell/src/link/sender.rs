@@ -468,21 +468,27 @@ impl LinkSender {
     /// What leads from where the machine stands onto the plan, and the command of the plan that follows.
     fn way_on(&mut self, report: &Report) -> Option<(Vec<Posed>, u64)> {
         let done = self.stock.count_done();
-        let Some(base) = self.stock.last_done_cycle() else {
-            // No motion yet: what is done is switching, and it is done again only on a machine that knows nothing of it.
+        let position = report.sample.commanded;
+        let scaler = Scaler::new(&self.stock, &self.parameters);
+        let base = self.stock.last_done_cycle();
+        // No motion is known of, but there may have been some: sender and controller may both have died in the first one.
+        let unknown = || scaler.first_place(SEARCHED, position, ON_PATH, done);
+        let place = match base {
+            Some(base) => Some(scaler.nearest(base, SEARCHED, position)?),
+            None => unknown().filter(|_| !self.first_begin),
+        };
+        let Some((mut phase, distance)) = place else {
+            // What is done is switching, and it is done again only on a machine that knows nothing of it.
             let entries = self.ready_again(done, report).into_iter().filter(|_| done > 0).collect();
             return Some((entries, done + 1));
         };
-        let scaler = Scaler::new(&self.stock, &self.parameters);
-        let position = report.sample.commanded;
-        let (mut phase, distance) = scaler.nearest(base, SEARCHED, position)?;
         if distance > ON_PATH {
             if distance > self.allowed_approach {
                 self.displaced = Some(distance);
                 return None;
             }
-            // Back to where the plan was left.
-            phase = base as f64;
+            // Back to where the plan was left, or begins.
+            phase = base.unwrap_or(0) as f64;
         }
         let lead = scaler.lead(phase, position, done);
         if lead.end != RampEnd::Done {
@@ -495,6 +501,10 @@ impl LinkSender {
             .set_point(libm::floor(phase) as u64)
             .map_or(done, |(_, number)| number.max(done));
         let mut entries = self.ready_again(passed, report);
+        if passed == 0 {
+            // Nothing is in force before the first command.
+            entries.clear();
+        }
         let next = lead.entries.last().map_or(passed, |e| e.entry.done) + 1;
         entries.extend(lead.entries);
         Some((entries, next))

@@ -167,8 +167,8 @@ impl Default for LinkedConfig {
 const RECONNECT: u64 = 20;
 /// Cycles for which the person looks at a machine that waits.
 const LOOKING: u64 = 100;
-/// Distance from which the person lets a machine go back to its path, mm.
-const LET_BACK: f64 = 100.0;
+/// Distance from which the person lets a machine go back to its path, mm: a first motion as far as the queue reaches, and the drives' stop.
+const LET_BACK: f64 = 200.0;
 
 /// A machine, a wire and an office.
 pub struct LinkedWorld<'a, S> {
