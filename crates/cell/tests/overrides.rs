@@ -198,8 +198,7 @@ fn whatever_is_asked_in_whatever_moment_the_path_is_kept_and_the_end_is_reached(
         Ok(seed) => vec![seed.parse().expect("SEED is a number")],
         Err(_) => {
             let count = std::env::var("SEEDS").ok().and_then(|n| n.parse().ok()).unwrap_or(8);
-            // The first has long moves at 2 mm/s, which the planner is slow to plan anew.
-            (2..=count).collect::<Vec<u64>>()
+            (1..=count).collect::<Vec<u64>>()
         }
     };
     for seed in seeds {

@@ -22,6 +22,8 @@ mod solver;
 mod span;
 mod stretch;
 mod vector;
+#[cfg(test)]
+mod work;
 
 use crate::Limits;
 use crate::planner::Planned;

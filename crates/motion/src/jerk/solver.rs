@@ -53,8 +53,8 @@ pub(super) struct Search {
     positive: f64,
     /// Axes that move at all.
     axes: Vec<usize>,
-    /// Newton steps made in all.
-    pub(super) steps: u64,
+    /// Newton steps made in all, each times the intervals that it went over.
+    pub(super) work: u64,
 }
 
 /// Where a search begins and ends: the barrier as a share of the mean time of an interval, and what is kept of the last search.
@@ -145,7 +145,7 @@ impl Search {
             growing = share >= 0.8 && now < 0.94 * time;
             let settled = (now - time).abs() < 1e-7 * now;
             time = now;
-            self.steps += 1;
+            self.work += n as u64;
             full = if share >= 0.9 && barrier_share <= again.last {
                 full + 1
             } else {

@@ -42,6 +42,9 @@ const FIRST: f64 = 0.004;
 /// Intervals of a window at most.
 const MOST_INTERVALS: usize = 4000;
 
+/// Phases to the rest from which on it is worth while to plan again.
+const LEAST_AGAIN: usize = 12;
+
 /// Spans of which a stretch holds more only where nothing can be planned without.
 const MOST_SPANS: usize = 60_000;
 
@@ -71,6 +74,8 @@ pub(super) struct Stretch {
     j_max: [f64; 3],
     /// Multiplier of the programmed feeds.
     feed_scale: f64,
+    /// The override has changed on the way.
+    replanned: bool,
     /// How many times finer than usual the grid is.
     fineness: f64,
     sights: VecDeque<Sight>,
@@ -88,6 +93,11 @@ pub(super) struct Stretch {
     search: Search,
 }
 
+/// The least that looking and laying go forward from `s`, mm: more than the last digit of any length, so that they end.
+fn forward(s: f64) -> f64 {
+    f64::max(1e-10, 1e-15 * s)
+}
+
 impl Stretch {
     pub(super) fn new(limits: &Limits, j_max: [f64; 3], feed_scale: f64, fineness: f64) -> Stretch {
         // Between the borders of a fine grid nothing happens.
@@ -98,6 +108,7 @@ impl Stretch {
             a_max: limits.a_max.map(|a| a.0 * used),
             j_max: j_max.map(|j| j * used),
             feed_scale,
+            replanned: false,
             fineness,
             sights: VecDeque::new(),
             grid: VecDeque::new(),
@@ -166,6 +177,7 @@ impl Stretch {
             return;
         }
         self.feed_scale = feed_scale;
+        self.replanned = true;
         if self.phases.is_empty() && !self.moving {
             self.grid.clear();
             self.sights.clear();
@@ -176,8 +188,20 @@ impl Stretch {
         while self.sights.len() > 1 && self.sights.back().is_some_and(|sight| sight.s > self.grid_end) {
             self.sights.pop_back();
         }
+        // As if nothing behind the last one were known yet: looking on from it makes its detail finer each time.
+        if let Some(last) = self.sights.back() {
+            let k = self.course.span_at(last.s).min(self.course.len().saturating_sub(1));
+            let fresh = self.sight(k, last.s, last.border);
+            if let Some(last) = self.sights.back_mut() {
+                (last.cap, last.detail) = (fresh.cap, fresh.detail);
+            }
+        }
         // Slower: what is laid is faster than it has to be. The machine slows it down, for every phase tells what it was planned for.
-        if faster < 1.0 || self.phases.get(1).is_none_or(Phase::ends_at_rest) && self.planned {
+        if faster < 1.0 {
+            return;
+        }
+        // The last few are over in some hundredths of a second, and too few to be a window.
+        if self.planned && self.phases.len() < LEAST_AGAIN {
             return;
         }
         if let Some(first) = self.sights.front_mut() {
@@ -214,6 +238,12 @@ impl Stretch {
             interval,
             ..self.cell(phase.s, interval.value)
         }
+    }
+
+    /// Newton steps times intervals so far.
+    #[cfg(test)]
+    pub(super) fn work(&self) -> u64 {
+        self.search.work
     }
 
     /// The place at `s`, and the step there.

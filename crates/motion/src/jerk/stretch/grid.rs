@@ -1,10 +1,23 @@
 //! The grid on which a window is solved: its intervals are as wide as the speed and the bends allow.
 
 use super::super::limits::{Border, Interval};
+use super::forward;
+use super::window::Ahead;
 use super::{CRUISE, Cell, FIRST, GROWTH, INTERVAL, MOST_INTERVALS, Stretch};
 
 /// Share of an interval by which two places may differ that are the same: a last digit of a coordinate must not make another grid.
 const HAIR: f64 = 1e-6;
+
+/// Intervals that a window is to plan for good; where the override has changed it may change again, and all of them are solved again with it.
+/// Fewer would be quicker to solve again, but two programs that differ by a last digit are alike only within one window.
+const AT_ONCE: usize = 1000;
+const AT_ONCE_AGAIN: usize = 400;
+
+/// Intervals at least behind these.
+const LEAST_BEHIND: usize = 64;
+
+/// How much more of the grid than a rest at its end slows down is laid, so that one round is enough.
+const ROOM: f64 = 1.5;
 
 impl Stretch {
     /// Lays borders of the grid as far as the end of what is known has no influence; all the way when it is the end of the stretch.
@@ -32,11 +45,21 @@ impl Stretch {
         let mut i = 0;
         let mut s = self.grid_end;
         let most = if self.fineness > 1.0 { usize::MAX } else { MOST_INTERVALS };
+        // A window longer than it needs to be is solved no better, and all of it again at each change of the override.
+        let at_once = match self.replanned {
+            _ if self.fineness > 1.0 => usize::MAX,
+            true => AT_ONCE_AGAIN,
+            false => AT_ONCE,
+        };
+        let mut ahead = Ahead::behind(self.grid.iter().skip(at_once));
         while s < to && self.grid.len() < most {
+            if self.grid.len() > at_once + LEAST_BEHIND && ahead.is_enough(ROOM * self.patience) {
+                break;
+            }
             while i + 2 < n && self.sights[i + 1].s <= s + HAIR * (self.sights[i + 1].s - self.sights[i].s) {
                 i += 1;
             }
-            let width = self.width_at(i, s, to, total);
+            let width = self.width_at(i, s, to, total).max(forward(s));
             let hair = HAIR * width;
             let mut next = s + width;
             // Not over a place that has to be a border, and nothing tiny before it.
@@ -75,6 +98,9 @@ impl Stretch {
             before.interval.share = 1.0;
             self.cap(&mut before, &mut cell, cap);
             *self.grid.back_mut().expect("it begins with one") = before;
+            if self.grid.len() > at_once {
+                ahead.add(&before, &cell);
+            }
             self.grid.push_back(cell);
             s = next;
         }

@@ -127,11 +127,6 @@ impl Phase {
         }
     }
 
-    /// The motion is at rest behind it.
-    pub(super) fn ends_at_rest(&self) -> bool {
-        matches!(self.law, Law::ToRest(_))
-    }
-
     /// Length from its beginning, speed and acceleration along the path, `t` after it began.
     pub(in super::super) fn at(&self, t: f64) -> (f64, f64, f64) {
         if let Law::ToRest(_) = self.law {

@@ -1,7 +1,7 @@
 //! What the limits allow along the curve, looked at where they change, and how fast it could be travelled about.
 
 use super::super::vector::length;
-use super::{DETAIL, Stretch, TURN};
+use super::{DETAIL, Stretch, TURN, forward};
 
 /// A place at which limits were looked at.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +42,7 @@ impl Stretch {
             let end = span.start + span.length;
             let mut next = (s + DETAIL / self.fineness * shortest).min(sharper);
             // Also a support that begins a hair away is a step forward.
-            next = next.max(s + 1e-10);
+            next = next.max(s + forward(s));
             if !span.is_line() {
                 let place = self.course.at(k, s);
                 let bend = length(place[2]) / length(place[1]).max(1e-9);

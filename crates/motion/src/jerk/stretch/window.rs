@@ -3,7 +3,7 @@
 use super::super::limits::{Begin, Border, Interval, Loads, Window};
 use super::super::solver::{Again, COLD};
 use super::phase::phase;
-use super::{Cell, Stretch};
+use super::{Cell, MOST_INTERVALS, Stretch};
 
 /// Largest load between two borders that is left as it is.
 const TOLERATED: f64 = 1.0018;
@@ -46,6 +46,62 @@ const NEAR_ENOUGH: f64 = 1.01;
 /// Load up to which a guess may exceed limits.
 const GUESS_ABOVE: f64 = 3.0;
 
+impl Cell {
+    /// Length, mm, of a stop from here with b as it is, and the time, s, that building up the acceleration takes.
+    fn stop(&self, b: f64) -> (f64, f64) {
+        let (mut a, mut j) = (f64::INFINITY, f64::INFINITY);
+        for axis in 0..3 {
+            a = a.min(1.0 / self.border.acceleration[axis][1].abs().max(1e-15));
+            j = j.min(1.0 / self.border.jerk[axis][2].abs().max(1e-18));
+        }
+        let v = libm::sqrt(b);
+        let stop = if v < a * a / j {
+            v * libm::sqrt(v / j)
+        } else {
+            0.5 * v * (v / a + a / j)
+        };
+        (stop, a / j)
+    }
+}
+
+/// How far the grid reaches behind its first intervals: behind these only what a rest at its end slows down is of use.
+#[derive(Debug, Default)]
+pub(super) struct Ahead {
+    left: f64,
+    time: f64,
+    stop: f64,
+    swing: f64,
+}
+
+impl Ahead {
+    /// What the grid reaches behind interval `first`, as fast as it could go.
+    pub(super) fn behind<'a>(cells: impl Iterator<Item = &'a Cell>) -> Ahead {
+        let (mut ahead, mut last) = (Ahead::default(), None);
+        for cell in cells {
+            if let Some(last) = last {
+                ahead.add(last, cell);
+            }
+            last = Some(cell);
+        }
+        ahead
+    }
+
+    /// Goes on by the interval between two cells.
+    pub(super) fn add(&mut self, cell: &Cell, next: &Cell) {
+        let b = cell.estimate.max(next.estimate).max(cell.interval.value);
+        if self.left == 0.0 {
+            (self.stop, self.swing) = cell.stop(b);
+        }
+        self.left += cell.interval.width;
+        self.time += cell.interval.width / libm::sqrt(b.max(1e-300));
+    }
+
+    /// True when a rest at the end does not slow down what is before, with this much room to spare.
+    pub(super) fn is_enough(&self, room: f64) -> bool {
+        self.left > room * STOPS * self.stop && self.time > room * SWINGS * self.swing
+    }
+}
+
 impl Stretch {
     /// Plans the window and gives out what the rest at its end does not slow down. Gives the number of intervals given out.
     pub(super) fn solve(&mut self, crowded: bool) -> usize {
@@ -67,11 +123,13 @@ impl Stretch {
             *cap = cap.min(look.border.cap);
         }
         self.search_within(&borders, &mut intervals, &between, begin);
+        // What no longer window helps goes on with the rest at its end, more slowly than it could, but it goes on.
+        let longest = self.fineness == 1.0 && self.grid.len() >= MOST_INTERVALS || crowded && self.sees_no_more();
         let upto = if at_end {
             n
         } else {
             let free = self.slowed_from(&intervals, n);
-            if crowded { free.max(n / 2) } else { free }
+            if longest { free.max(n / 2) } else { free }
         };
         let first = if self.moving { 1 } else { 0 };
         if !at_end && upto < first + 4 {
@@ -306,6 +364,11 @@ impl Stretch {
         }
     }
 
+    /// True when the grid reaches as far as what is known.
+    fn sees_no_more(&self) -> bool {
+        self.sights.back().is_none_or(|sight| self.grid_end >= sight.s)
+    }
+
     /// The first interval from which on the rest at the end of the grid may slow the plan down: nearer to it than a few times what it takes
     /// to stop.
     fn slowed_from(&self, intervals: &[Interval], n: usize) -> usize {
@@ -313,20 +376,10 @@ impl Stretch {
         for k in (0..n).rev() {
             let (cell, interval) = (&self.grid[k], &intervals[k]);
             left += interval.width;
-            let (mut a, mut j) = (f64::INFINITY, f64::INFINITY);
-            for axis in 0..3 {
-                a = a.min(1.0 / cell.border.acceleration[axis][1].abs().max(1e-15));
-                j = j.min(1.0 / cell.border.jerk[axis][2].abs().max(1e-18));
-            }
-            let v = libm::sqrt(interval.value);
-            let stop = if v < a * a / j {
-                v * libm::sqrt(v / j)
-            } else {
-                0.5 * v * (v / a + a / j)
-            };
+            let (stop, swing) = cell.stop(interval.value);
             // As fast as it could go if the end were not there.
             time += interval.width / libm::sqrt(cell.estimate.max(self.grid[k + 1].estimate).max(interval.value));
-            if left > STOPS * stop && time > SWINGS * a / j && n - k > 8 {
+            if left > STOPS * stop && time > SWINGS * swing && n - k > 8 {
                 return k;
             }
         }
