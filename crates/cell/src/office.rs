@@ -303,7 +303,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
                 let orders = recorder.loaded(&line, number);
                 self.take_orders(orders, step);
             }
-            Err(why) => recorder.not_loaded(&line, &format!("{why:?}"), self.last_sample.tick),
+            Err(why) => recorder.not_loaded(&line, why.text(), self.last_sample.tick),
         }
     }
 
