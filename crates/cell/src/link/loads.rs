@@ -152,7 +152,7 @@ impl Loads {
     pub fn hear(&mut self, answers: &Answers) -> Result<(), LinkError> {
         while self.decided < answers.decided {
             let number = self.decided;
-            let Some(answer) = answers.answer(number).filter(|_| number < self.told) else {
+            let Some(answer) = answers.answer(number).filter(|_| (number as usize) < self.loads.len()) else {
                 return Err(LinkError::Rules("an answer to a condition that was not given"));
             };
             match self.answers.get(number as usize) {
@@ -162,6 +162,8 @@ impl Loads {
             }
             self.decided += 1;
         }
+        // What was sent before a cut, too.
+        self.told = self.told.max(self.decided);
         Ok(())
     }
 
