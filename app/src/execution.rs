@@ -14,6 +14,7 @@ use crate::report::{self, Page};
 use crate::survey::minutes;
 use crate::{clock, files, recording, shop};
 use asrun::{PlanOptions, PlannedProgram, Rebuild, RecordFrame, RecordPoint, Recording};
+use cell::link::Load;
 use cell::observe::Thinned;
 use cell::sim::measure::Part;
 use cell::{CommandSource, Ended, Fault, OfficeHalf, Operator, Outcome, RecordSink, World, WorldConfig};
@@ -404,12 +405,12 @@ fn execute_there(
     keep: &mut Keep<'_>,
 ) -> Result<(Outcome, Driven), Failure> {
     let never = AtomicBool::new(false);
-    let recorder = Functions::new(
-        &shop::parameters(order.machine),
-        order.start,
-        functions::known(order),
-        &functions_of(order)?,
-    );
+    let found = functions_of(order)?;
+    let parameters = shop::parameters(order.machine);
+    let recorder = Functions::new(&parameters, order.start, functions::known(order), &found);
+    let tools = functions::diameters(&order.tables).into_iter();
+    let tools = tools.map(|(tool, diameter)| Load::Tool { tool, diameter });
+    let conditions = found.conditions.iter().map(|(_, compiled)| Load::from(compiled));
     let office = OfficeHalf::new(source, operator(order.drives), order.start, Chain::default()).with_functions(recorder);
     let (program, name) = (order.work.hash().to_string(), machine.name.clone());
     let live = match order.work {
@@ -420,6 +421,7 @@ fn execute_there(
         remote,
         stop: order.stop.unwrap_or(&never),
         requests: &|| live.and_then(LiveJob::request),
+        loads: tools.chain(conditions).collect(),
         watch: &|report: &Report| {
             if let Some(job) = live {
                 job.watch(report);

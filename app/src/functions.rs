@@ -75,6 +75,34 @@ pub fn checks(found: &Found, level: Option<u8>, all: &mut Vec<Check>) {
     }
 }
 
+/// The lines of a check about functions where the text protocol drives the machine, which has no word for any of them.
+pub fn checks_of_text_link(found: &Found, all: &mut Vec<Check>) {
+    let reacts = |name: &str| matches!(name, "start_synchronized_action" | "set_alarm");
+    let (stopping, other): (Vec<&String>, Vec<&String>) = found.counts.keys().partition(|name| reacts(name));
+    let mut say = |state, text: String| {
+        all.push(Check {
+            name: "functions",
+            state,
+            text,
+        });
+    };
+    if !stopping.is_empty() {
+        let text = format!(
+            "the program has conditions or alarms that the machine acts on ({}), and the text protocol has no word for them: run it over \
+             the default link (toolmark controller without --link text, toolmark run without it), or take them out",
+            stopping.into_iter().cloned().collect::<Vec<_>>().join(", ")
+        );
+        say(State::Fail, text);
+    }
+    if !other.is_empty() {
+        let text = format!(
+            "the text protocol brings no measurements back, so nothing is recorded of {}: use the default link for that",
+            other.into_iter().cloned().collect::<Vec<_>>().join(", ")
+        );
+        say(State::Warning, text);
+    }
+}
+
 /// What a run knows of machine, tools and operator.
 pub fn known(order: &Order<'_>) -> Known {
     let machine = order.machine;
@@ -292,7 +320,7 @@ fn sentence(detail: &BTreeMap<String, Value>) -> String {
             continue;
         }
         if key == "values" {
-            parts.extend(value.as_array().into_iter().flatten().map(value_text));
+            parts.extend(value.as_array().into_iter().flatten().map(|one| value_text(one)));
         } else {
             parts.push(format!("{key} {}", text_of(detail, key)));
         }

@@ -647,3 +647,90 @@ fn certificates_of_the_shop_let_in_and_others_do_not() {
     assert_eq!(ended, "completed");
     assert_eq!(controller.end()["at_rest"], true);
 }
+
+/// The plate, with a condition that holds the feed while it is cut and takes a value when it does.
+fn watched_plate() -> String {
+    let action = "(trace:1 start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_frequency=WHEN \
+                  its_condition=\"prog_time > 1 s and X.AXIS_FEEDRATE.ACTUAL > 5\" \
+                  its_actions=\"set_alarm its_alarm_id=7 its_text=look its_reaction=feed_hold\",\"read_sensor_value its_sensor=S1.CUTTING_SPEED\")";
+    PLATE.replacen("G0 X0. Y0. Z10.\n", &format!("G0 X0. Y0. Z10.\n{action}\n"), 1)
+}
+
+#[test]
+fn a_synchronized_action_fires_on_a_controller_in_its_own_process_and_is_in_the_log() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = machine_file(folder.path(), "");
+    let plate = folder.path().join("plate.nc");
+    std::fs::write(&plate, watched_plate()).expect("written");
+    let (plate, data) = (plate.display().to_string(), folder.path().join("data"));
+    let controller = Controller::begin(&machine, &[], &folder.path().join("other"));
+    let run = [
+        "run",
+        &plate,
+        "--machine",
+        &controller.address,
+        "--machine-file",
+        &machine,
+        "--json",
+    ];
+    for attempt in 0..6 {
+        let done = toolmark(&run, &data).output().expect("it runs");
+        let answer: Value = serde_json::from_slice(&done.stdout).unwrap_or_else(|e| panic!("{e}: {}", words(&done)));
+        println!("{attempt}: {} {}", answer["ended"], answer["driven"]);
+        if was_late(&answer) {
+            continue;
+        }
+        assert_eq!(answer["ended"], "completed", "{}", words(&done));
+        let told = answer["functions"].as_array().expect("records of functions");
+        let of = |state: &str| -> Vec<&Value> { told.iter().filter(|r| r["data"]["state"] == state).collect() };
+        let fired = of("fired");
+        assert_eq!(fired.len(), 1, "{answer:#}");
+        assert_eq!(fired[0]["data"]["actions"][0]["alarm"], 7, "{answer:#}");
+        // The machine acted on it by itself, in the cycle of the condition or the next.
+        let effect = of("effect");
+        let cycle = |record: &Value, name: &str| record["data"][name].as_u64().expect("a cycle");
+        let waited = cycle(effect[0], "cycle_of_effect") - cycle(effect[0], "cycle_of_condition");
+        assert!(waited <= 1, "{answer:#}");
+        assert_eq!(of("cleared").len(), 1, "cycle start ended the alarm: {answer:#}");
+        let csv = folder.path().join("export.csv").display().to_string();
+        let exported = toolmark(&["trace", "export", "last", "--out", &csv], &data)
+            .output()
+            .expect("it runs");
+        assert!(exported.status.success(), "{}", words(&exported));
+        let events = std::fs::read_to_string(folder.path().join("export.events.csv")).expect("exported");
+        assert!(
+            events.contains("start_synchronized_action") && events.contains("fired") && events.contains("hold"),
+            "{events}"
+        );
+        controller.end();
+        return;
+    }
+    panic!("no run of six was in time");
+}
+
+#[test]
+fn the_text_protocol_takes_no_program_with_conditions_and_says_what_to_do() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = machine_file(folder.path(), "");
+    let plate = folder.path().join("plate.nc");
+    std::fs::write(&plate, watched_plate()).expect("written");
+    let plate = plate.display().to_string();
+    // Nobody has to be there for it.
+    let run = [
+        "run",
+        &plate,
+        "--machine",
+        "tcp://127.0.0.1:9",
+        "--machine-file",
+        &machine,
+        "--link",
+        "text",
+    ];
+    let done = toolmark(&run, &folder.path().join("data")).output().expect("it runs");
+    let said = words(&done);
+    assert_eq!(done.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("start_synchronized_action") && said.contains("default link") && said.contains("nothing was moved"),
+        "{said}"
+    );
+}

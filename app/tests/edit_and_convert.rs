@@ -133,7 +133,10 @@ fn a_converted_program_is_planned_to_the_same_set_points() {
         let (a, b) = (numbers("a.csv"), numbers("b.csv"));
         assert_eq!(a.len(), b.len());
         for (a, b) in a.iter().zip(&b) {
-            assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= within), "{program}: {a:?} {b:?}");
+            assert!(
+                a.iter().zip(b).all(|(a, b)| (a - b).abs() <= within),
+                "{program}: {a:?} {b:?}"
+            );
         }
     }
 }

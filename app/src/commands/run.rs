@@ -74,17 +74,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     if !common.json {
         all.iter().filter(|c| c.state != State::Ok).for_each(print);
     }
-    if worst(&all) == State::Fail {
-        let why: Vec<String> = all
-            .iter()
-            .filter(|c| c.state == State::Fail)
-            .map(|c| c.text.clone())
-            .collect();
-        return Err(Failure::negative(format_args!(
-            "the check failed, nothing was moved: {}",
-            why.join("; ")
-        )));
-    }
+    check_passed(&all)?;
     if let Some((number, _)) = &shifted
         && *number > found.workingsteps
     {
@@ -128,6 +118,19 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     tell_outcome(&done, &program.name, &machine, &all, (&acting, edited.as_deref()), common)
 }
 
+/// Refuses a program that failed its check, with all reasons.
+fn check_passed(all: &[Check]) -> Result<(), Failure> {
+    if worst(all) != State::Fail {
+        return Ok(());
+    }
+    let failed = all.iter().filter(|c| c.state == State::Fail);
+    let why: Vec<&str> = failed.map(|c| c.text.as_str()).collect();
+    Err(Failure::negative(format_args!(
+        "the check failed, nothing was moved: {}",
+        why.join("; ")
+    )))
+}
+
 /// A run over the published text protocol: the plan goes out, and the record is the controller's.
 fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done {
     if !address::is_address(&common.machine) {
@@ -149,13 +152,12 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
     let tables = directory.tables(&machine).map_err(shop::failure)?;
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
     let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
-    let all = checks(&found, travels(&machine), &tables);
+    let mut all = checks(&found, travels(&machine), &tables);
+    functions::checks_of_text_link(&functions::look(program, &tables)?, &mut all);
     if !common.json {
         all.iter().filter(|c| c.state != State::Ok).for_each(print);
     }
-    if worst(&all) == State::Fail {
-        return Err(Failure::negative("the check failed, nothing was moved"));
-    }
+    check_passed(&all)?;
     let stop = super::stopped_by_signals()?;
     let lengths = tables
         .tools

@@ -96,6 +96,9 @@ pub fn serve(
         while let Ok(Told { report, status }) = ends.told.pop() {
             served.counters = report.counters;
             last = Some(report);
+            while ends.firings.peek().is_ok_and(|firing| firing.tick <= report.sample.tick) {
+                ends.firings.pop().into_iter().for_each(|firing| receiver.fired(firing));
+            }
             receiver.reported(report, status);
         }
         let lost = ends.lost_reports.load(Relaxed);

@@ -1,25 +1,31 @@
 //! A run on a machine behind the link: in real time, with the office half on this side.
 
-use super::remote::Remote;
+use super::remote::{Heard, Remote};
 use crate::failure::Failure;
 use crate::progress::Progress;
 use crate::survey::minutes;
 use cell::events::Detail;
+use cell::link::{Load, number_of};
 use cell::sim::Outcome;
 use cell::sink::RunDigest;
 use cell::{CommandSource, OfficeHalf, RecordSink};
 use ledger::Event;
+use machine::watch::{Firing, LoadError};
 use machine::{Counters, Quality, Report, Request, Sample, State};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
+use trace::record::{Row, Stream};
 use units::Tick;
 
 /// How often the planner gives more, when reports come more seldom.
 const LOOK: Duration = Duration::from_millis(5);
 /// How long a machine may take to become ready.
 const BECOMING_READY: Duration = Duration::from_secs(3);
+
+/// How long a machine may take for one condition of a program.
+const LOADING: Duration = Duration::from_secs(10);
 
 /// What only a run in real time can tell.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -115,8 +121,52 @@ pub struct Drive<'a> {
     pub stop: &'a AtomicBool,
     /// Hold or go on, from whoever may ask for it.
     pub requests: &'a dyn Fn() -> Option<Request>,
+    /// What the machine is to know before anything moves: the program's conditions, numbered from 0, and the diameters of its tools.
+    pub loads: Vec<Load>,
     /// Hears of every cycle.
     pub watch: &'a dyn Fn(&Report),
+}
+
+/// Loads what the program needs, and waits until the machine has it.
+///
+/// # Errors
+/// The machine does not take a condition: without it nothing is run.
+fn load(remote: &Remote, loads: &[Load]) -> Result<(), Failure> {
+    loads.iter().for_each(|load| remote.load(load.clone()));
+    let mut number = 0;
+    for load in loads {
+        let asked = Instant::now();
+        let answer = loop {
+            if let Some(answer) = remote.loaded() {
+                break answer;
+            }
+            // Says why when the link is over.
+            remote.last_report()?;
+            if asked.elapsed() > LOADING {
+                return Err(Failure::machine(format_args!(
+                    "{}: the controller does not answer to the program's conditions; nothing was moved, start it again",
+                    remote.address
+                )));
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        };
+        let why = match (load, number_of(answer)) {
+            // More tools than it has places for: their cutting speeds are unavailable.
+            (Load::Tool { .. }, None) => continue,
+            (Load::Watch { .. }, Some(Ok(given))) if given == number => {
+                number += 1;
+                continue;
+            }
+            (_, Some(Err(why))) => why.text(),
+            _ => "it has another number there",
+        };
+        return Err(Failure::machine(format_args!(
+            "{}: the controller does not take condition {} of the program: {why}; nothing was moved",
+            remote.address,
+            u32::from(number) + 1
+        )));
+    }
+    Ok(())
 }
 
 /// Keeps what has happened: the tick, the caller's sink, and whether the run is over.
@@ -134,6 +184,7 @@ pub fn run<S: CommandSource, K: RecordSink>(
     keep: &mut Keep<'_, K>,
 ) -> Result<(Outcome, Driven), Failure> {
     let remote = drive.remote;
+    load(remote, &drive.loads)?;
     remote.begin_record();
     let mut seen = Seen::new(sink);
     office.tell("job-started", Tick(0), started, &mut seen);
@@ -142,16 +193,30 @@ pub fn run<S: CommandSource, K: RecordSink>(
     let mut now = Tick(0);
     let mut stop_asked = false;
     let mut kept_at = 0;
+    // The machine has what the office wants loaded, and has not answered yet.
+    let mut loading = false;
     loop {
+        while let Some(answer) = remote.loaded() {
+            loading = false;
+            office.loaded(number_of(answer).unwrap_or(Err(LoadError::Full)));
+        }
         office.refill(|command| remote.push(command));
+        if !loading && let Some(compiled) = office.to_load() {
+            loading = true;
+            remote.load(Load::from(compiled));
+        }
         let mut wait = LOOK;
-        while let Some(report) = remote.report(wait)? {
+        while let Some(Heard { report, firings }) = remote.report(wait)? {
             wait = Duration::ZERO;
             let base = *first.get_or_insert(report);
             let report = since(&base, report);
             now = report.sample.tick;
             seen.report(&report, remote.status().0.ahead);
             (drive.watch)(&report);
+            for firing in firings {
+                let tick = Tick(firing.tick.0.saturating_sub(base.sample.tick.0));
+                office.fired(Firing { tick, ..firing });
+            }
             if let Some(request) = office.receive(&report, None, &mut seen) {
                 remote.request(request);
             }
@@ -159,6 +224,7 @@ pub fn run<S: CommandSource, K: RecordSink>(
                 break;
             }
         }
+        office.firings_lost(remote.lost_firings());
         office.reports_lost(remote.lost_reports(), now, &mut seen);
         if drive.stop.load(Relaxed) && !stop_asked {
             stop_asked = true;
@@ -326,6 +392,10 @@ impl<K: RecordSink> RecordSink for Seen<'_, K> {
     fn event(&mut self, event: &Event) {
         self.digest.event(event);
         self.sink.event(event);
+    }
+    fn recorded(&mut self, row: &Row, stream: &Stream) {
+        self.digest.recorded(row, stream);
+        self.sink.recorded(row, stream);
     }
 }
 

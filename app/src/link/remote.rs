@@ -7,12 +7,13 @@ use super::address::Address;
 use super::certificates::Client;
 use super::socket::Socket;
 use crate::failure::Failure;
-use cell::link::{LinkError, LinkSender, SenderStatus};
-use machine::link::PlanId;
+use cell::link::{LinkError, LinkSender, Load, SenderStatus};
+use machine::link::{Loaded, PlanId};
+use machine::watch::Firing;
 use machine::{Command, MachineParameters, Quality, Report, Request};
 use std::collections::VecDeque;
 use std::net::{SocketAddr, TcpStream};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, TrySendError, channel, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -44,12 +45,22 @@ pub struct Machine {
     pub quality: Quality,
 }
 
+/// One cycle of the machine.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Heard {
+    /// Its report.
+    pub report: Report,
+    /// The conditions that fired in it.
+    pub firings: Vec<Firing>,
+}
+
 /// What both threads know.
 #[derive(Default)]
 struct Shared {
     machine: Option<Machine>,
     status: SenderStatus,
     lost_reports: u64,
+    lost_firings: u64,
     /// Times the connection was cut.
     cuts: u64,
     ended: Option<String>,
@@ -65,7 +76,10 @@ struct Shared {
 pub struct Remote {
     commands: Option<SyncSender<Command>>,
     requests: SyncSender<Request>,
-    reports: Receiver<Report>,
+    /// As many as the program has conditions, which the machine's room bounds.
+    loads: Sender<Load>,
+    loaded: Receiver<Loaded>,
+    reports: Receiver<Heard>,
     shared: Arc<Mutex<Shared>>,
     thread: Option<JoinHandle<()>>,
     /// Where it is, for messages.
@@ -88,6 +102,8 @@ impl Remote {
         let (commands, from_commands) = sync_channel(COMMANDS);
         let (requests, from_requests) = sync_channel(64);
         let (to_reports, reports) = sync_channel(REPORTS);
+        let (loads, from_loads) = channel();
+        let (to_loaded, loaded) = channel();
         let shared = Arc::new(Mutex::new(Shared::default()));
         let speaker = Speaker {
             to,
@@ -95,6 +111,8 @@ impl Remote {
             sender: LinkSender::new(name, plan, parameters),
             commands: from_commands,
             requests: from_requests,
+            loads: from_loads,
+            loaded: to_loaded,
             reports: to_reports,
             shared: Arc::clone(&shared),
             began: Instant::now(),
@@ -102,12 +120,15 @@ impl Remote {
             command: None,
             report: VecDeque::new(),
             not_kept: 0,
+            firings_not_kept: 0,
             over: false,
         };
         let thread = std::thread::spawn(move || speaker.speak());
         let remote = Remote {
             commands: Some(commands),
             requests,
+            loads,
+            loaded,
             reports,
             shared,
             thread: Some(thread),
@@ -149,13 +170,24 @@ impl Remote {
         let _ = self.requests.try_send(request);
     }
 
+    /// Gives the machine a condition or a tool to know.
+    pub fn load(&self, load: Load) {
+        // The other end is there as long as the link is, and its end is told with the next report.
+        let _ = self.loads.send(load);
+    }
+
+    /// The next answer to one, in the order in which they were given.
+    pub fn loaded(&self) -> Option<Loaded> {
+        self.loaded.try_recv().ok()
+    }
+
     /// The next report, waited for so long at most.
     ///
     /// # Errors
     /// The link is over for good, and why.
-    pub fn report(&self, longest: Duration) -> Result<Option<Report>, Failure> {
+    pub fn report(&self, longest: Duration) -> Result<Option<Heard>, Failure> {
         match self.reports.recv_timeout(longest) {
-            Ok(report) => Ok(Some(report)),
+            Ok(heard) => Ok(Some(heard)),
             Err(RecvTimeoutError::Timeout) => Ok(None),
             Err(RecvTimeoutError::Disconnected) => {
                 let why = self
@@ -196,6 +228,11 @@ impl Remote {
         self.lock().lost_reports
     }
 
+    /// Firings of conditions that were lost, in all.
+    pub fn lost_firings(&self) -> u64 {
+        self.lock().lost_firings
+    }
+
     fn lock(&self) -> MutexGuard<'_, Shared> {
         // Each change is one assignment: it is whole whoever panicked.
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
@@ -221,7 +258,9 @@ struct Speaker {
     sender: LinkSender,
     commands: Receiver<Command>,
     requests: Receiver<Request>,
-    reports: SyncSender<Report>,
+    loads: Receiver<Load>,
+    loaded: Sender<Loaded>,
+    reports: SyncSender<Heard>,
     shared: Arc<Mutex<Shared>>,
     began: Instant,
     /// When the controller was there last; `None` before it was.
@@ -229,9 +268,11 @@ struct Speaker {
     /// A command that the sender had no place for.
     command: Option<Command>,
     /// Reports that the recorder had no place for.
-    report: VecDeque<Report>,
+    report: VecDeque<Heard>,
     /// Reports for which there was no place here.
     not_kept: u64,
+    /// Firings that went with them.
+    firings_not_kept: u64,
     /// Nobody wants anything of the machine any more.
     over: bool,
 }
@@ -332,6 +373,13 @@ impl Speaker {
                 break;
             }
         }
+        while let Ok(load) = self.loads.try_recv() {
+            self.sender.load(load);
+        }
+        while let Some(answer) = self.sender.loaded() {
+            // Nobody waits for it any more when the run is over.
+            let _ = self.loaded.send(answer);
+        }
         while let Ok(request) = self.requests.try_recv() {
             self.sender.request(request);
         }
@@ -343,10 +391,13 @@ impl Speaker {
         let mut last = None;
         while let Some(report) = self.sender.report() {
             last = Some(report);
+            let until = report.sample.tick;
+            let firings: Vec<Firing> = std::iter::from_fn(|| self.sender.firing(until)).collect();
             if recording && self.report.len() < MOST_BEHIND {
-                self.report.push_back(report);
+                self.report.push_back(Heard { report, firings });
             } else if recording {
                 self.not_kept += 1;
+                self.firings_not_kept += firings.len() as u64;
             }
         }
         while let Some(report) = self.report.pop_front() {
@@ -356,12 +407,14 @@ impl Speaker {
             }
         }
         let (status, lost) = (self.sender.status(), self.sender.lost_reports());
+        let lost_firings = self.sender.lost_firings() + self.firings_not_kept;
         let machine = self.sender.machine().map(|welcome| Machine {
             name: welcome.machine.text().to_owned(),
             quality: welcome.quality,
         });
         let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
         (shared.status, shared.lost_reports, shared.machine) = (status, lost + self.not_kept, machine);
+        shared.lost_firings = lost_firings;
         shared.last = last.or(shared.last);
     }
 }

@@ -8,7 +8,13 @@
 //! on close            sender.disconnected(now)
 //! every ms or so      office.refill(|command| sender.push(command))
 //!                     sender.output(now, &mut bytes)?        write them; an error: close the connection
-//!                     while let Some(report) = sender.report() { office.receive(&report, ..) -> sender.request(request) }
+//!                     while let Some(report) = sender.report() {
+//!                         while let Some(firing) = sender.firing(report.sample.tick) { office.fired(firing) }
+//!                         office.receive(&report, ..) -> sender.request(request)
+//!                     }
+//!                     office.firings_lost(sender.lost_firings())
+//! conditions          sender.load(load)                      before the program, and what office.to_load() says while it runs
+//!                     sender.loaded()                        each one's number, or why it is refused, in order
 //! ```
 //!
 //! **Receiver** ([`LinkReceiver`]), the receiving and sending tasks of the controller:
@@ -20,7 +26,8 @@
 //! every ms or so      receiver.output(connection, now, &mut bytes)     write them; false: write what there is and close
 //!                     receiver.reads(connection)             false: leave its bytes in the socket for now
 //! towards realtime    receiver.urgent() and receiver.order() into two bounded queues; give_back(order) when there is no place
-//! from realtime       receiver.reported(report, status)      once a tick, both from the realtime thread
+//! from realtime       receiver.fired(firing)                 what fired, before the report of its cycle
+//!                     receiver.reported(report, status)      once a tick, both from the realtime thread
 //! ```
 //!
 //! **Realtime thread**, each tick: urgent orders into [`machine::link::Follower::take_urgent`], orders into
@@ -29,14 +36,15 @@
 //! task, as [`machine::link::Follower::translated`] gives it.
 //!
 //! **Text protocol** ([`TextSender`], [`TextReceiver`]) in the same manner. Its realtime side is the machine's own queue: each
-//! [`TextOrder::Command`] into `half.push`, one that comes back is the next again; [`TextOrder::request`] of the others and each request of
-//! [`TextReceiver::urgent`] into `half.request`; reports into [`TextReceiver::reported`]. There are no reports from the machine but a few lines
+//! [`TextOrder::Command`] into `half.push`, one that comes back is the next again; each request of [`TextReceiver::urgent`] into
+//! `half.request`; reports into [`TextReceiver::reported`]. There are no reports from the machine but a few lines
 //! ([`machine::link::text::Told`]), so whoever wants a record keeps it at the controller.
 //!
 //! [`scaled`] makes stop tails and the way back onto the path; [`channel`] and [`world`] are the simulated wire and its faults.
 
 pub mod channel;
 pub mod error;
+pub mod loads;
 pub mod receiver;
 pub mod scaled;
 pub mod sender;
@@ -47,6 +55,7 @@ mod wire;
 pub mod world;
 
 pub use error::LinkError;
+pub use loads::{Load, number_of};
 pub use receiver::{Connection, LinkReceiver, MachineCard, Notice, ReceiverCounts};
 pub use sender::{LinkSender, SenderStatus};
 pub use text_receiver::{TextNotice, TextOrder, TextReceiver};

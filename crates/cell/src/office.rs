@@ -303,7 +303,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
                 let orders = recorder.loaded(&line, number);
                 self.take_orders(orders, step);
             }
-            Err(why) => recorder.not_loaded(&line, &format!("{why:?}"), self.last_sample.tick),
+            Err(why) => recorder.not_loaded(&line, why.text(), self.last_sample.tick),
         }
     }
 
@@ -440,13 +440,18 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         sink.event(&event);
     }
 
+    /// True for a step whose condition is still on its way into the machine: its turn comes when that is decided.
+    fn is_loading(&self, pending: &Pending) -> bool {
+        matches!((pending, &self.to_load), (Pending::Step(step), Some((_, _, loading))) if step.id == *loading)
+    }
+
     /// Events of the steps whose turn has come.
     fn tell_steps(&mut self, report: &Report, sink: &mut dyn RecordSink) {
         let tick = report.sample.tick;
         while self
             .pending
             .front()
-            .is_some_and(|(after, _)| *after <= report.counters.completed)
+            .is_some_and(|(after, pending)| *after <= report.counters.completed && !self.is_loading(pending))
         {
             match self.pending.pop_front() {
                 None => return,

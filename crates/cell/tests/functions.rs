@@ -1,58 +1,17 @@
 //! Functions of a program on the simulated machine: recordings, conditions with their actions, alarms with their reactions.
 
+#[path = "common/functions.rs"]
+mod setup;
+
 use cell::sink::Kept;
 use cell::{Ended, Operator, Outcome, World, WorldConfig};
-use gcode::{GcodeProgram, Options, profile::by_name};
-use ledger::Event;
 use machine::{MachineParameters, Phase};
 use motion::{Limits, Trajectory};
-use plan::{Answer, MemorySource, Missing, Next, NoOtherFiles, ProgramStream, Tables, ToolEntry};
 use serde_json::{Value, json};
-use trace::record::{Known, Recorder};
-use trace::survey::{Found, Survey};
-use units::{Millimetres, Seconds, Timestamp, ToolNumber, Transform};
-
-fn program(text: &str) -> GcodeProgram {
-    let mut tables = Tables {
-        missing: Missing::Fail,
-        ..Tables::empty()
-    };
-    for number in 1..=3 {
-        tables.tools.insert(ToolNumber(number), ToolEntry::default());
-    }
-    tables
-        .work_offsets
-        .insert("G54".to_owned(), Transform::shift([-100.0, -100.0, -100.0]));
-    let source = Box::new(MemorySource(text.as_bytes().to_vec()));
-    let profile = by_name("fanuc-mill").expect("a profile");
-    GcodeProgram::open(source, "test.nc", profile, Box::new(NoOtherFiles), tables, Options::default()).expect("opens")
-}
-
-fn look(text: &str) -> Found {
-    let mut survey = Survey::new("test.nc");
-    let mut stream = program(text);
-    let mut answer = None;
-    loop {
-        match stream.next(answer.take()) {
-            Next::Step(step) => survey.step(&step),
-            Next::Ask(_) => answer = Some(Answer::Unknown),
-            Next::End => return survey.finish(),
-            Next::Alarm(alarm) => panic!("{alarm}"),
-        }
-    }
-}
-
-fn known() -> Known {
-    let object = |value: Value| value.as_object().cloned().expect("an object");
-    Known {
-        machine: object(json!({ "model": "sim", "serial_number": "1" })),
-        operator: object(json!({ "name": "Ada", "role": "operator", "level": 6 })),
-        tools: (1..=3)
-            .map(|n| (n, object(json!({ "diameter_mm": 10.0 * f64::from(n), "length_mm": 50.0 }))))
-            .collect(),
-        ..Known::default()
-    }
-}
+use setup::{around, known, look, of, program};
+use trace::record::Recorder;
+use trace::survey::Found;
+use units::{Millimetres, Seconds, Timestamp, ToolNumber};
 
 fn run_as(text: &str, operator: Operator) -> (Outcome, Kept) {
     let mut machine = MachineParameters::small_machining_centre();
@@ -84,17 +43,6 @@ fn run(text: &str) -> (Outcome, Kept) {
         ..Operator::default()
     };
     run_as(text, operator)
-}
-
-/// The records of one function.
-fn of<'k>(kept: &'k Kept, function: &str) -> Vec<&'k Event> {
-    let is = |event: &&Event| event.kind == "trace" && event.detail["function"] == function;
-    kept.events.iter().filter(is).collect()
-}
-
-/// A program around some functions: a tool, a spindle, a straight cut of a second.
-fn around(before: &str, within: &str, after: &str) -> String {
-    format!("O1\nG21 G90 G54\n{before}\nT1 M6\nM3 S2000\nG0 X0 Y0 Z50.\nG1 X10. F600.\n{within}\nX20.\n{after}\nM30\n")
 }
 
 #[test]
@@ -223,7 +171,8 @@ fn a_condition_on_the_path_deviation_holds_the_feed_and_both_cycles_are_recorded
         "(trace:1 start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_frequency=WHEN its_condition=\"path_deviation > 0.0005 mm and prog_time > 1 s and X.AXIS_FEEDRATE.ACTUAL > 5\" its_actions=\"set_alarm its_alarm_id=7 its_text=\"\"off the path\"\" its_reaction=feed_hold\",\"get_encoder_position\")",
         "",
         "",
-    );
+    )
+    .replace("(trace:1 start", "(trace:1 start");
     let (outcome, kept) = run(&text);
     assert_eq!(outcome.ended, Ended::Completed, "cycle start goes on");
     let fired = of(&kept, "start_synchronized_action");
@@ -231,7 +180,7 @@ fn a_condition_on_the_path_deviation_holds_the_feed_and_both_cycles_are_recorded
     let condition = fired.detail["cycle_of_condition"].as_u64().unwrap();
     let before = kept.samples.iter().find(|s| s.tick.0 == condition).expect("its cycle");
     let deviation = (0..3)
-        .map(|k| (before.actual[k] - before.commanded[k]) * (before.actual[k] - before.commanded[k]))
+        .map(|k| (before.actual[k] - before.commanded[k]).powi(2))
         .sum::<f64>()
         .sqrt();
     assert!(deviation > 0.0005, "{deviation}");
@@ -359,7 +308,7 @@ fn an_id_that_is_used_again_means_the_action_that_was_started_last() {
     let states: Vec<String> = kept
         .events
         .iter()
-        .filter(|e| e.kind == "trace" && e.detail.contains_key("id"))
+        .filter(|e| e.kind == "trace" && e.detail.get("id").is_some())
         .filter(|e| e.detail["state"] != "fired")
         .map(|e| format!("{} {}", e.detail["state"].as_str().unwrap(), e.detail["run"]))
         .collect();

@@ -197,7 +197,7 @@ fn whatever_is_asked_in_whatever_moment_the_path_is_kept_and_the_end_is_reached(
     let seeds = match std::env::var("SEED") {
         Ok(seed) => vec![seed.parse().expect("SEED is a number")],
         Err(_) => {
-            let count = std::env::var("SEEDS").ok().and_then(|n| n.parse().ok()).unwrap_or(8);
+            let count = std::env::var("SEEDS").ok().and_then(|n| n.parse().ok()).unwrap_or(20);
             (1..=count).collect::<Vec<u64>>()
         }
     };
@@ -285,7 +285,7 @@ fn stop_and_restart(seed: u64) {
 fn a_program_stopped_anywhere_is_taken_up_at_its_step_and_ends_where_it_would_have() {
     let seeds = match std::env::var("SEED") {
         Ok(seed) => vec![seed.parse().expect("SEED is a number")],
-        Err(_) => (1..=6).collect::<Vec<u64>>(),
+        Err(_) => (1..=10).collect::<Vec<u64>>(),
     };
     seeds.into_iter().for_each(stop_and_restart);
 }

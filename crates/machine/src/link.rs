@@ -13,11 +13,13 @@ pub mod crc;
 pub mod follower;
 pub mod frame;
 pub mod item;
+pub mod loading;
 pub mod message;
 pub mod text;
 pub mod wire;
 
 pub use follower::{Follower, Order, UrgentOrder};
 pub use frame::{FRAME, Frame, FrameError, FrameFault, FrameReader, Header, Kind, VERSION, write_frame};
+pub use loading::{LoadPart, Loaded, Loads};
 pub use message::{Entry, LimitsHash, Name, PlanId, Refusal, Status, Urgent};
 pub use wire::{Reader, Wire, WireError, Writer};

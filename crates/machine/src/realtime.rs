@@ -159,6 +159,7 @@ impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
         match request {
             Request::CycleStart => self.watches.acknowledge(),
             Request::Reset if before != self.controller.state() => self.watches.reset(),
+            Request::PowerOff if before != self.controller.state() => self.watches.power_off(),
             _ => {}
         }
     }
@@ -166,6 +167,12 @@ impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
     /// The conditions of the program: loaded before it starts, heard of while it runs.
     pub fn watches(&mut self) -> &mut Watches {
         &mut self.watches
+    }
+
+    /// Another program: conditions and tools of the one before are forgotten ([`Watches::new_program`]).
+    pub fn new_program(&mut self) {
+        self.watches.new_program();
+        self.readings.new_program();
     }
 
     /// The oldest firing of a watch up to a cycle that was not taken yet: those of a cycle belong to its report.
@@ -182,6 +189,11 @@ impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
     /// Tells how long the conditions of the last cycle took, by the clock of who runs the cycles: a data item like any other.
     pub fn watches_took(&mut self, nanoseconds: u32) {
         self.situation.cost.nanoseconds = nanoseconds;
+    }
+
+    /// The oldest report that was not taken yet, left in place.
+    pub fn next_report(&self) -> Option<&Report> {
+        self.reports.front()
     }
 
     /// The oldest report that was not taken yet.

@@ -17,8 +17,7 @@ impl ControlPad for Pad {
 }
 
 struct Bench {
-    // On the heap: its queues are large for a stack.
-    half: Box<RealtimeHalf<Plant, Pad>>,
+    half: RealtimeHalf<Plant, Pad>,
     now: Tick,
     reports: Vec<Report>,
 }
@@ -28,7 +27,7 @@ impl Bench {
         parameters.check().expect("a sound machine");
         let plant = Plant::new(parameters, Point::from_xyz(start), 7);
         let mut bench = Bench {
-            half: Box::new(RealtimeHalf::with_pad(parameters, plant, Pad::default(), Quality::Simulated)),
+            half: RealtimeHalf::with_pad(parameters, plant, Pad::default(), Quality::Simulated),
             now: Tick(0),
             reports: Vec::new(),
         };

@@ -1,13 +1,15 @@
 //! What goes over the link comes out bit by bit, whatever the numbers are.
 
-use machine::link::message::{BLOCK, TAIL};
-use machine::link::{Entry, FRAME, FrameReader, Header, Kind, Reader, Wire, Writer, write_frame};
+use machine::link::loading::Loads;
+use machine::link::message::{BLOCK, LoadHead, LoadWhat, TAIL};
+use machine::link::{Entry, FRAME, FrameReader, Header, Kind, Loaded, Reader, Wire, Writer, write_frame};
 use machine::pad::{Mode, Notices};
+use machine::watch::{AlarmOrder, BadCondition, Firing, Frequency, LoadError, Operation, Reaction, Relation, ResetBy};
 use machine::{
     AxisOrder, Command, CoolantOutlets, Counters, DriveMode, DriveOrders, FaultCause, Overrides, Phase, Quality, Report, Request,
     Sample, SetPoint, SpindleCommand, State, StopCause, Wait,
 };
-use units::{Rpm, StepId, Tick, ToolNumber, WorkingstepId};
+use units::{Millimetres, Rpm, StepId, Tick, ToolNumber, WorkingstepId};
 
 /// Writes, reads, and writes again: the bytes are the same, and all of them were read. Gives how many.
 #[track_caller]
@@ -98,10 +100,86 @@ fn every_command_and_request_comes_out_as_it_went_in() {
 }
 
 #[test]
+fn conditions_their_answers_and_firings_come_out_as_they_went_in() {
+    for number in NUMBERS {
+        for relation in [
+            Relation::Less,
+            Relation::LessOrEqual,
+            Relation::Greater,
+            Relation::GreaterOrEqual,
+            Relation::Equal,
+            Relation::NotEqual,
+        ] {
+            check(&Operation::Compare(255, relation, number));
+            check(&Operation::Relate(relation));
+        }
+        check(&Operation::Constant(number));
+        let (tool, diameter) = (ToolNumber(u32::MAX), Millimetres(number));
+        let what = LoadWhat::Tool { tool, diameter };
+        check(&LoadHead { number: u32::MAX, what });
+    }
+    for operation in [
+        Operation::Signal(7),
+        Operation::Truth(true),
+        Operation::Alarm(999),
+        Operation::Add,
+        Operation::Subtract,
+        Operation::Multiply,
+        Operation::Divide,
+        Operation::Negate,
+        Operation::Not,
+        Operation::And,
+        Operation::Or,
+        Operation::Xor,
+    ] {
+        check(&operation);
+    }
+    for frequency in [
+        Frequency::NoKeyword,
+        Frequency::Whenever,
+        Frequency::FromFirst,
+        Frequency::WhenOnce,
+        Frequency::EveryEdge,
+    ] {
+        let what = LoadWhat::Watch {
+            frequency,
+            all_modes: true,
+            operations: 128,
+            alarms: 4,
+        };
+        check(&LoadHead { number: 0, what });
+    }
+    check(&AlarmOrder::Set {
+        alarm: 999,
+        reaction: Reaction::StopAfterOperation,
+        reset_by: ResetBy::Reset,
+    });
+    let mut loads = Loads::default();
+    for (place, why) in loads.last.iter_mut().zip([
+        LoadError::Condition(BadCondition::TooLong),
+        LoadError::Condition(BadCondition::TooDeep),
+        LoadError::Condition(BadCondition::Operands { at: 127 }),
+        LoadError::Condition(BadCondition::Number { at: 1 }),
+        LoadError::Condition(BadCondition::Result),
+        LoadError::Full,
+        LoadError::Frequency,
+        LoadError::Alarms,
+    ]) {
+        *place = Loaded::Refused(why);
+    }
+    (loads.decided, loads.last[14], loads.last[15]) = (u32::MAX, Loaded::Watch(u16::MAX), Loaded::NoPlaceForTool);
+    check(&loads);
+    check(&Firing {
+        tick: Tick(u64::MAX),
+        watch: 4095,
+        known: false,
+    });
+}
+
+#[test]
 fn a_report_comes_out_as_it_went_in() {
     let [a, b, c, d, e, f] = NUMBERS;
     let mut report = Report {
-        watches: machine::watch::WatchCost::default(),
         sample: Sample {
             tick: Tick(u64::MAX),
             step: StepId(1),

@@ -11,8 +11,7 @@ const A: f64 = 2000.0;
 const J: f64 = 40_000.0;
 
 struct Bench {
-    // On the heap: its queues are large for a stack.
-    half: Box<RealtimeHalf<Plant>>,
+    half: RealtimeHalf<Plant>,
     now: Tick,
     queue: std::collections::VecDeque<Command>,
     reports: Vec<Report>,
@@ -27,7 +26,7 @@ impl Bench {
         parameters.check().expect("a sound machine");
         let plant = Plant::new(parameters, Point::ORIGIN, 7);
         let mut bench = Bench {
-            half: Box::new(RealtimeHalf::new(parameters, plant, Quality::Simulated)),
+            half: RealtimeHalf::new(parameters, plant, Quality::Simulated),
             now: Tick(0),
             queue: std::collections::VecDeque::new(),
             reports: Vec::new(),

@@ -13,7 +13,6 @@
 pub mod condition;
 pub mod control;
 pub mod controls;
-mod fingerprint;
 pub mod functions;
 pub mod grade;
 mod head;

@@ -28,7 +28,6 @@ impl Posting<'_, '_> {
                 "correct the program",
             ));
         }
-        self.fingerprint.travel(go, &path);
         if self.lifted > 0 && go.derived {
             return self.come_down(&path);
         }

@@ -13,6 +13,7 @@ pub use lateness::Lateness;
 pub use privileges::Privileges;
 
 use machine::link::{Follower, Order, Status, UrgentOrder};
+use machine::watch::Firing;
 use machine::{Command, ControlPad, CyclicDrive, NoPad, RealtimeHalf, Report, Request};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::sync::Arc;
@@ -28,6 +29,8 @@ pub const COMMANDS: usize = 256;
 pub const REQUESTS: usize = 64;
 /// Reports that wait for the sending task at most, two seconds: it is an ordinary thread and may be late itself.
 pub const REPORTS: usize = 2048;
+/// Firings of conditions that wait with them at most; the machine keeps some more, and counts what it loses.
+pub const FIRINGS: usize = 4096;
 
 /// Cycle after cycle until `stop`: sleeps until the beginning of each by the monotonic clock, counts how late it was, and calls `cycle`
 /// with its number. After lost cycles the numbers go on by the clock.
@@ -81,6 +84,7 @@ pub struct Servo<D, P = NoPad> {
     queued: Consumer<Queued>,
     at_once: Consumer<AtOnce>,
     told: Producer<Told>,
+    firings: Producer<Firing>,
     /// Taken from the ring, and the machine had no place for it.
     waiting: Option<Queued>,
     lost_reports: Arc<AtomicU64>,
@@ -94,6 +98,8 @@ pub struct Ends {
     pub at_once: Producer<AtOnce>,
     /// One report a cycle.
     pub told: Consumer<Told>,
+    /// What fired: all of a cycle is there before its report is. Where no default link drives the machine there is none.
+    pub firings: Consumer<Firing>,
     /// Reports that found no place: a gap, counted.
     pub lost_reports: Arc<AtomicU64>,
 }
@@ -104,6 +110,7 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
         let (to_queued, queued) = RingBuffer::new(COMMANDS);
         let (to_at_once, at_once) = RingBuffer::new(REQUESTS);
         let (told, from_told) = RingBuffer::new(REPORTS);
+        let (firings, from_firings) = RingBuffer::new(FIRINGS);
         let lost_reports = Arc::new(AtomicU64::new(0));
         let servo = Servo {
             half: Box::new(half),
@@ -111,6 +118,7 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
             queued,
             at_once,
             told,
+            firings,
             waiting: None,
             lost_reports: Arc::clone(&lost_reports),
         };
@@ -118,6 +126,7 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
             queued: to_queued,
             at_once: to_at_once,
             told: from_told,
+            firings: from_firings,
             lost_reports,
         };
         (servo, ends)
@@ -148,7 +157,7 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
         if let Some(follower) = &mut self.follower {
             follower.after_tick(&mut self.half);
         }
-        while !self.told.is_full() {
+        while !self.told.is_full() && self.tell_firings() {
             let Some(report) = self.half.report() else { break };
             let told = match &self.follower {
                 Some(follower) => Told {
@@ -164,6 +173,22 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
             let _ = self.told.push(told);
         }
         self.lost_reports.store(self.half.lost_reports(), Relaxed);
+    }
+
+    /// Tells what fired up to the cycle of the next report; false when there was no place for all of it.
+    fn tell_firings(&mut self) -> bool {
+        let Some(until) = self.half.next_report().map(|report| report.sample.tick) else {
+            return true;
+        };
+        if self.follower.is_none() {
+            return true;
+        }
+        while !self.firings.is_full() {
+            let Some(firing) = self.half.firing(until) else { return true };
+            // There was a place, and nobody else fills it.
+            let _ = self.firings.push(firing);
+        }
+        self.half.watches().next_firing().is_none_or(|firing| firing.tick > until)
     }
 }
 

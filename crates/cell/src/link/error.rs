@@ -2,7 +2,7 @@
 
 use machine::link::{FrameError, LimitsHash, Refusal, WireError};
 
-/// Why a connection is given up. All but [`LinkError::Refused`] and [`LinkError::Limits`] are over with the next connection.
+/// Why a connection is given up. All but those of which [`LinkError::is_final`] is true are over with the next connection.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LinkError {
     /// What came is no frame.
@@ -32,6 +32,12 @@ pub enum LinkError {
         /// Its limits.
         found: LimitsHash,
     },
+    /// The machine has given a condition of the plan another number than before it was started again, or none: the plan's own orders would
+    /// mean other conditions.
+    Conditions {
+        /// Which load.
+        number: u32,
+    },
     /// Not a word for too long.
     Silent,
 }
@@ -39,7 +45,10 @@ pub enum LinkError {
 impl LinkError {
     /// True when another try will fail alike: a person has to do something.
     pub fn is_final(&self) -> bool {
-        matches!(self, LinkError::Refused(_) | LinkError::Limits { .. })
+        matches!(
+            self,
+            LinkError::Refused(_) | LinkError::Limits { .. } | LinkError::Conditions { .. }
+        )
     }
 }
 
@@ -57,6 +66,10 @@ impl std::fmt::Display for LinkError {
                     "'{machine}' has other limits than the plan was made for: use its machine file on both sides"
                 )
             }
+            LinkError::Conditions { number } => write!(
+                f,
+                "the machine was started again and does not take condition {number} of the program as it did before: start the program again"
+            ),
             LinkError::Silent => write!(f, "the other side has said nothing for too long"),
         }
     }

@@ -6,9 +6,11 @@
 use super::error::LinkError;
 use super::wire::{Came, Wired};
 use machine::link::message::{
-    AXES, BLOCK, BlockHead, HEARTBEAT, Hello, ReportsHead, SILENCE, SenderHeartbeat, TAIL, UNITS, Welcome,
+    AXES, BLOCK, BlockHead, HEARTBEAT, Hello, LoadHead, LoadWhat, ReportsHead, SILENCE, SenderHeartbeat, TAIL, UNITS, Welcome,
 };
-use machine::link::{Entry, Kind, LimitsHash, Name, Order, PlanId, Reader, Refusal, Status, Urgent, UrgentOrder, Wire};
+use machine::link::{Entry, Kind, LimitsHash, LoadPart, Name, Order, PlanId, Reader, Refusal, Status, Urgent, UrgentOrder, Wire};
+use machine::watch::condition::LONGEST;
+use machine::watch::{ALARMS_OF_A_WATCH, Firing};
 use machine::{Command, MachineParameters, Quality, Report, State};
 use std::collections::{BTreeMap, VecDeque};
 use units::Tick;
@@ -22,6 +24,10 @@ pub const LEASE: u64 = 5_000;
 const KEPT_REPORTS: usize = 8_192;
 /// Reports in one frame at most.
 const REPORTS_IN_A_FRAME: usize = 64;
+/// Firings that are kept with them: what comes beyond is lost, and counted.
+const KEPT_FIRINGS: usize = 65_536;
+/// Firings in one frame, beyond which it takes no further report. Those of one cycle are fewer than the machine keeps.
+const FIRINGS_IN_A_FRAME: usize = 1_024;
 /// Orders that wait for the realtime thread before bytes are left in the socket.
 const WAITING_ORDERS: usize = 2_048;
 
@@ -149,6 +155,11 @@ pub struct LinkReceiver {
     first_report: u64,
     next_report: u64,
     lost_reports: u64,
+    firings: VecDeque<Firing>,
+    /// Number of the oldest kept firing, and of the next to be sent.
+    first_firing: u64,
+    next_firing: u64,
+    lost_firings: u64,
     status: Status,
     state: State,
     standing: bool,
@@ -173,6 +184,10 @@ impl LinkReceiver {
             first_report: 0,
             next_report: 0,
             lost_reports: 0,
+            firings: VecDeque::new(),
+            first_firing: 0,
+            next_firing: 0,
+            lost_firings: 0,
             status: Status {
                 needs_resume: true,
                 ..Status::default()
@@ -228,7 +243,7 @@ impl LinkReceiver {
 
     /// True while bytes of this connection are taken; false: leave them in the socket, the realtime thread has enough.
     pub fn reads(&self, connection: Connection) -> bool {
-        self.orders.len() < WAITING_ORDERS && self.sides.get(&connection).is_some_and(|s| !s.closing)
+        self.orders.len() + self.urgent.len() < WAITING_ORDERS && self.sides.get(&connection).is_some_and(|s| !s.closing)
     }
 
     /// Lets time pass: a silent holder of the lease is a lost link.
@@ -290,6 +305,15 @@ impl LinkReceiver {
         self.urgent.pop_front()
     }
 
+    /// A condition has fired; called before the report of its cycle.
+    pub fn fired(&mut self, firing: Firing) {
+        if self.firings.len() == KEPT_FIRINGS {
+            self.lost_firings += 1;
+            return;
+        }
+        self.firings.push_back(firing);
+    }
+
     /// The realtime thread has made a cycle: its report, translated, and the follower's account.
     pub fn reported(&mut self, report: Report, status: Status) {
         self.state = report.state;
@@ -299,6 +323,7 @@ impl LinkReceiver {
             // It is of nobody's run, or of the one before: nobody's record has a gap.
             self.first_report += self.reports.len() as u64 + 1;
             self.reports.clear();
+            self.forget_firings(u64::MAX);
             self.next_report = self.first_report;
             return;
         }
@@ -359,9 +384,11 @@ impl LinkReceiver {
                 self.urgent.push_back(UrgentOrder::Urgent(urgent));
                 Ok(())
             }
+            Kind::Load => self.load(came),
             Kind::Heartbeat => {
-                let SenderHeartbeat { reports } = came.message()?;
+                let SenderHeartbeat { reports, firings } = came.message()?;
                 self.forget_reports(reports);
+                self.forget_firings(firings);
                 Ok(())
             }
             Kind::Goodbye => {
@@ -403,6 +430,7 @@ impl LinkReceiver {
             self.urgent.push_back(UrgentOrder::LinkBack);
             // It says what it has; the rest is sent again.
             self.forget_reports(hello.reports);
+            self.forget_firings(hello.firings);
         } else {
             self.sessions += 1;
             self.urgent.push_back(UrgentOrder::NewSession {
@@ -412,10 +440,13 @@ impl LinkReceiver {
             self.orders.clear();
             // What was reported to the one before and not taken by it is lost to the record: of its own plan it shall hear so.
             let untaken = self.reports.len() as u64;
+            let unheard = self.firings.len() as u64;
             self.forget_reports(u64::MAX);
+            self.forget_firings(u64::MAX);
             self.lost_reports = if plan_before == hello.plan { untaken } else { 0 };
+            self.lost_firings = if plan_before == hello.plan { unheard } else { 0 };
         }
-        self.next_report = self.first_report;
+        (self.next_report, self.next_firing) = (self.first_report, self.first_firing);
         let session = if continues { hello.session } else { self.sessions };
         self.lease = Some(Lease {
             name: hello.name,
@@ -471,6 +502,38 @@ impl LinkReceiver {
         (!free).then_some(Refusal::Busy { holder: lease.name })
     }
 
+    /// A condition or a tool: in parts to the realtime thread, past the set-points, which do not wait for it.
+    fn load(&mut self, came: &Came) -> Result<(), LinkError> {
+        let mut reader = Reader::new(&came.payload);
+        let wrong = |error| came.wrong(error);
+        let LoadHead { number, what } = LoadHead::read(&mut reader).map_err(wrong)?;
+        let mut parts = Vec::new();
+        match what {
+            LoadWhat::Tool { tool, diameter } => parts.push(LoadPart::Tool { number, tool, diameter }),
+            LoadWhat::Watch {
+                frequency,
+                all_modes,
+                operations,
+                alarms,
+            } => {
+                if usize::from(operations) > LONGEST || usize::from(alarms) > ALARMS_OF_A_WATCH {
+                    return Err(LinkError::Rules("a condition is longer than conditions are"));
+                }
+                parts.push(LoadPart::Watch { frequency, all_modes });
+                for _ in 0..operations {
+                    parts.push(LoadPart::Operation(Wire::read(&mut reader).map_err(wrong)?));
+                }
+                for _ in 0..alarms {
+                    parts.push(LoadPart::Alarm(Wire::read(&mut reader).map_err(wrong)?));
+                }
+                parts.push(LoadPart::Whole { number });
+            }
+        }
+        reader.end().map_err(wrong)?;
+        self.urgent.extend(parts.into_iter().map(UrgentOrder::Load));
+        Ok(())
+    }
+
     fn block(&mut self, came: &Came) -> Result<(), LinkError> {
         let mut reader = Reader::new(&came.payload);
         let wrong = |error| came.wrong(error);
@@ -516,6 +579,8 @@ impl LinkReceiver {
         Status {
             reports: self.next_report,
             lost_reports: self.lost_reports,
+            firings: self.next_firing,
+            lost_firings: self.status.lost_firings + self.lost_firings,
             ..self.status
         }
     }
@@ -527,18 +592,50 @@ impl LinkReceiver {
             if waiting < self.card.batch.max(1) {
                 return;
             }
-            let count = waiting.min(REPORTS_IN_A_FRAME);
+            let mut count = waiting.min(REPORTS_IN_A_FRAME);
+            let mut firings = self.firings_up_to(from + count);
+            while count > 1 && firings > FIRINGS_IN_A_FRAME {
+                count -= 1;
+                firings = self.firings_up_to(from + count);
+            }
+            // After a gap there may be more for one report: the rest goes with the next.
+            let firings = firings.min(FIRINGS_IN_A_FRAME);
             let head = ReportsHead {
                 status: self.told_status(),
                 first: self.next_report,
                 count: count as u16,
+                first_firing: self.next_firing,
+                firings: firings as u16,
             };
+            let fired = (self.next_firing - self.first_firing) as usize;
             side.wired.send(now, Kind::Reports, out, |to| {
                 head.write(to);
                 self.reports.range(from..from + count).for_each(|report| report.write(to));
+                self.firings.range(fired..fired + firings).for_each(|firing| firing.write(to));
             });
             self.next_report += count as u64;
+            self.next_firing += firings as u64;
         }
+    }
+
+    /// Firings to be sent that belong to cycles before the report at `end` among those that are kept.
+    fn firings_up_to(&self, end: usize) -> usize {
+        let Some(last) = self.reports.get(end.wrapping_sub(1)) else {
+            return 0;
+        };
+        let sent = (self.next_firing - self.first_firing) as usize;
+        let due = self.firings.partition_point(|firing| firing.tick <= last.sample.tick);
+        due.saturating_sub(sent)
+    }
+
+    /// The sender has the firings below this number.
+    fn forget_firings(&mut self, below: u64) {
+        let has = below.min(self.first_firing + self.firings.len() as u64);
+        while self.first_firing < has {
+            self.firings.pop_front();
+            self.first_firing += 1;
+        }
+        self.next_firing = self.next_firing.max(self.first_firing);
     }
 
     /// The sender has the reports below this number.

@@ -6,13 +6,15 @@
 //! about again (spindle, coolant), then the machine gets back onto the plan along its path.
 
 use super::error::LinkError;
+use super::loads::{Load, Loads};
 use super::scaled::{Pose, Posed, RampEnd, Scaler};
 use super::stock::{Stock, needs_rest};
 use super::wire::{Came, Wired};
 use machine::link::message::{
     AXES, BLOCK, BlockHead, HEARTBEAT, Hello, LOOK_AHEAD, ReportsHead, SILENCE, SenderHeartbeat, TAIL, UNITS, Welcome,
 };
-use machine::link::{Entry, Kind, LimitsHash, Name, PlanId, Reader, Status, Urgent, Wire};
+use machine::link::{Entry, Kind, LimitsHash, Loaded, Name, PlanId, Reader, Status, Urgent, Wire};
+use machine::watch::Firing;
 use machine::{Command, MachineParameters, Report, Request, State, StopCause};
 use std::collections::VecDeque;
 use units::Tick;
@@ -105,6 +107,9 @@ pub struct LinkSender {
     reports: VecDeque<Report>,
     next_report: u64,
     told_reports: u64,
+    firings: VecDeque<Firing>,
+    next_firing: u64,
+    loads: Loads,
     last: Option<Report>,
     pushed: bool,
     pushed_at: Tick,
@@ -138,6 +143,9 @@ impl LinkSender {
             reports: VecDeque::new(),
             next_report: 0,
             told_reports: 0,
+            firings: VecDeque::new(),
+            next_firing: 0,
+            loads: Loads::default(),
             last: None,
             pushed: false,
             pushed_at: Tick(0),
@@ -174,6 +182,27 @@ impl LinkSender {
     /// The next report of the machine.
     pub fn report(&mut self) -> Option<Report> {
         self.reports.pop_front()
+    }
+
+    /// The oldest firing up to a cycle that was not taken yet: those of a cycle belong to its report.
+    pub fn firing(&mut self, until: Tick) -> Option<Firing> {
+        self.firings.pop_front_if(|firing| firing.tick <= until)
+    }
+
+    /// Firings that were lost on the way, in all.
+    pub fn lost_firings(&self) -> u64 {
+        self.status.lost_firings
+    }
+
+    /// Takes a condition or a tool that the machine is to know. Nothing of the plan goes out before all that was taken until then is
+    /// decided; what is given while it runs is for commands that are given after its answer ([`LinkSender::loaded`]).
+    pub fn load(&mut self, load: Load) {
+        self.loads.push(load);
+    }
+
+    /// The next answer to a load, in the order in which they were given.
+    pub fn loaded(&mut self) -> Option<Loaded> {
+        self.loads.answer()
     }
 
     /// Reports that were lost on the way, in all: a gap in the record.
@@ -266,6 +295,7 @@ impl LinkSender {
             return Ok(());
         }
         self.tell_urgent(now, out);
+        self.tell_loads(now, out);
         self.begin(now, out);
         self.tell_blocks(now, out);
         if self.finishing {
@@ -277,6 +307,7 @@ impl LinkSender {
         if quiet || self.next_report >= self.told_reports + TELL_REPORTS {
             let heartbeat = SenderHeartbeat {
                 reports: self.next_report,
+                firings: self.next_firing,
             };
             self.told_reports = self.next_report;
             self.wired.send(now, Kind::Heartbeat, out, |to| heartbeat.write(to));
@@ -293,6 +324,7 @@ impl LinkSender {
             limits: LimitsHash::of(&self.parameters),
             session: self.session,
             reports: self.next_report,
+            firings: self.next_firing,
         };
         if !self.wired.spoken() {
             self.wired.send(now, Kind::Hello, out, |to| hello.write(to));
@@ -307,10 +339,7 @@ impl LinkSender {
             (Line::Greeting, Kind::Welcome) => self.welcomed(came.message()?),
             (Line::Greeting, Kind::Refusal) => Err(LinkError::Refused(came.message()?)),
             (Line::Greeting, _) => Err(LinkError::Rules("a controller answers a hello first")),
-            (Line::Linked, Kind::Heartbeat) => {
-                self.hear(came.message()?);
-                Ok(())
-            }
+            (Line::Linked, Kind::Heartbeat) => self.hear(came.message()?),
             (Line::Linked, Kind::Reports) => self.hear_reports(came),
             (Line::Linked, _) => Err(LinkError::Rules("only a sender sends such a frame")),
             (Line::Apart, _) => Ok(()),
@@ -330,6 +359,7 @@ impl LinkSender {
         self.welcome = Some(welcome);
         let status = welcome.status;
         let same_plan = welcome.plan == self.plan;
+        self.loads.connected(welcome.continues);
         if welcome.continues {
             if status.needs_resume || welcome.epoch != self.stretch.epoch || !self.streaming {
                 self.streaming = false;
@@ -338,7 +368,7 @@ impl LinkSender {
             }
         } else {
             self.streaming = false;
-            self.next_report = status.reports;
+            (self.next_report, self.next_firing) = (status.reports, status.firings);
             if let Some(done) = status.done.filter(|_| same_plan) {
                 self.stock.done(done);
             }
@@ -367,21 +397,28 @@ impl LinkSender {
                 self.reports.push_back(report);
             }
         }
+        for number in (head.first_firing..).take(usize::from(head.firings)) {
+            let firing = Firing::read(&mut reader).map_err(wrong)?;
+            if number >= self.next_firing {
+                self.next_firing = number + 1;
+                self.firings.push_back(firing);
+            }
+        }
         reader.end().map_err(wrong)?;
-        self.hear(head.status);
-        Ok(())
+        self.hear(head.status)
     }
 
-    fn hear(&mut self, status: Status) {
+    fn hear(&mut self, status: Status) -> Result<(), LinkError> {
         self.status = status;
         if status.session != self.session {
-            return;
+            return Ok(());
         }
+        self.loads.hear(&status.loads)?;
         if let Some(done) = status.done {
             self.stock.done(done);
         }
         if status.epoch != self.stretch.epoch || !self.streaming {
-            return;
+            return Ok(());
         }
         while self.stretch.first < status.executed.min(self.stretch.sent) {
             if let Some(Posed { entry, .. }) = self.stretch.entries.pop_front()
@@ -396,6 +433,7 @@ impl LinkSender {
             self.streaming = false;
             self.start_when_taken = false;
         }
+        Ok(())
     }
 }
 
@@ -419,6 +457,12 @@ impl LinkSender {
         self.unacknowledged.push((sequence, urgent));
     }
 
+    fn tell_loads(&mut self, now: Tick, out: &mut Vec<u8>) {
+        while let Some((number, load)) = self.loads.next() {
+            self.wired.send(now, Kind::Load, out, |to| load.write(number, to));
+        }
+    }
+
     /// Begins where the machine stands, when it may.
     fn begin(&mut self, now: Tick, out: &mut Vec<u8>) {
         if self.streaming {
@@ -434,6 +478,9 @@ impl LinkSender {
         let ready = report.state == State::Ready;
         let stands = matches!(report.state, State::Held | State::Paused | State::Stopped(StopCause::Starved));
         let known = self.stock.count_done() > 0;
+        if !self.loads.all_decided() {
+            return;
+        }
         if !(ready || (stands && known)) || self.is_filling(now) {
             return;
         }
@@ -500,10 +547,10 @@ impl LinkSender {
             .stock
             .set_point(libm::floor(phase) as u64)
             .map_or(done, |(_, number)| number.max(done));
-        let mut entries = self.ready_again(passed, report);
-        if passed == 0 {
-            // Nothing is in force before the first command.
-            entries.clear();
+        let mut entries = self.passed_orders(done, passed);
+        // Nothing is in force before the first command.
+        if passed > 0 {
+            entries.extend(self.ready_again(passed, report));
         }
         let next = lead.entries.last().map_or(passed, |e| e.entry.done) + 1;
         entries.extend(lead.entries);
@@ -512,13 +559,22 @@ impl LinkSender {
 
     /// Brings about what is in force where so many commands are done.
     fn ready_again(&self, done: u64, report: &Report) -> Vec<Posed> {
-        let commands = self.stock.in_force(done).commands(report.sample.tool);
-        let pose = Pose { phase: 0.0, rate: 0.0 };
-        let posed = |command| Posed {
-            entry: Entry { command, done },
-            pose,
-        };
-        commands.into_iter().map(posed).collect()
+        let in_force = self.stock.in_force(done);
+        let mut commands = in_force.commands(report.sample.tool);
+        if report.state == State::Ready {
+            // The machine was reset or started again: conditions of its program are over there.
+            commands.extend(in_force.watch_commands());
+        }
+        commands.into_iter().map(|command| standing(command, done)).collect()
+    }
+
+    /// Orders for watches between what is done and where the machine stands: drives that stopped by themselves went past them.
+    fn passed_orders(&self, done: u64, passed: u64) -> Vec<Posed> {
+        let between = (done + 1..=passed).filter_map(|number| Some((number, *self.stock.command(number)?)));
+        between
+            .filter(|(_, command)| matches!(command, Command::Watch { .. }))
+            .map(|(number, command)| standing(command, number))
+            .collect()
     }
 
     fn tell_blocks(&mut self, now: Tick, out: &mut Vec<u8>) {
@@ -634,6 +690,14 @@ impl Stretch {
             }
         }
         !self.rested
+    }
+}
+
+/// An entry of a machine that stands.
+fn standing(command: Command, done: u64) -> Posed {
+    Posed {
+        entry: Entry { command, done },
+        pose: Pose { phase: 0.0, rate: 0.0 },
     }
 }
 

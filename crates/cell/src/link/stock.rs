@@ -3,6 +3,7 @@
 //! Commands have their number in the plan, from 1: the count that is done with them. Set-points have theirs besides, from 1, which is
 //! planned time in cycles.
 
+use machine::watch::WatchOrder;
 use machine::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 use std::collections::VecDeque;
 use units::{StepId, ToolNumber, WorkingstepId};
@@ -11,7 +12,7 @@ use units::{StepId, ToolNumber, WorkingstepId};
 const KEPT: u64 = 1_500;
 
 /// What is in force besides motion.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct InForce {
     /// The tool in the spindle.
     pub tool: ToolNumber,
@@ -21,6 +22,10 @@ pub struct InForce {
     pub coolant: CoolantOutlets,
     /// The workingstep.
     pub workingstep: WorkingstepId,
+    /// Conditions that were started, in that order.
+    pub watches: Vec<u16>,
+    /// An operation has begun.
+    pub in_operation: bool,
     /// The step of it all.
     pub step: StepId,
 }
@@ -40,13 +45,41 @@ impl InForce {
             Command::Coolant { outlets, step } => (self.coolant, self.step) = (outlets, step),
             Command::Tool { tool, step } => (self.tool, self.step) = (tool, step),
             Command::Workingstep { workingstep, step } => (self.workingstep, self.step) = (workingstep, step),
-            // What a condition waits for is not brought about again: it runs on where it is.
-            Command::Watch { .. } => {}
+            Command::Watch { order, .. } => self.follow_watch(order),
             Command::Dwell { step, .. } | Command::Pause { step } | Command::ToolLength { step, .. } => self.step = step,
             Command::End { step } => {
                 (self.spindle, self.coolant, self.step) = (SpindleCommand::Stop, CoolantOutlets::default(), step);
+                self.watches.clear();
+                self.in_operation = false;
             }
         }
+    }
+
+    fn follow_watch(&mut self, order: WatchOrder) {
+        match order {
+            WatchOrder::Start(number) => {
+                if !self.watches.contains(&number) {
+                    self.watches.push(number);
+                }
+            }
+            WatchOrder::Stop(number) => self.watches.retain(|started| *started != number),
+            WatchOrder::OperationBegins => self.in_operation = true,
+            WatchOrder::OperationEnds => self.in_operation = false,
+            // One that is set stays with the machine; a reset by a person has ended it.
+            WatchOrder::Alarm(_) => {}
+        }
+    }
+
+    /// What starts the conditions again on a machine on which they are over, each as if it had not fired yet. On one that only stopped they
+    /// run on where they are.
+    pub fn watch_commands(&self) -> impl Iterator<Item = Command> {
+        let step = self.step;
+        let begins = self.in_operation.then_some(WatchOrder::OperationBegins);
+        let starts = self.watches.iter().map(|number| WatchOrder::Start(*number));
+        begins
+            .into_iter()
+            .chain(starts)
+            .map(move |order| Command::Watch { order, step })
     }
 
     /// The commands that bring it about, in the order in which a machine is got ready. The tool only where another one is in.
@@ -159,7 +192,7 @@ impl Stock {
 
     /// What is in force where so many commands are done.
     pub fn in_force(&self, done: u64) -> InForce {
-        let mut in_force = self.in_force;
+        let mut in_force = self.in_force.clone();
         let count = usize::try_from((done + 1).saturating_sub(self.first)).unwrap_or(usize::MAX);
         self.commands.iter().take(count).for_each(|command| in_force.follow(command));
         in_force

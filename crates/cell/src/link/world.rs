@@ -2,17 +2,21 @@
 //! and a wire with faults between them. The person stands at the machine and gives cycle start after a stop.
 
 use super::channel::{Damage, Way};
+use super::loads::{Load, number_of};
 use super::receiver::{Connection, LinkReceiver, MachineCard};
 use super::sender::LinkSender;
 use crate::office::{Ended, OfficeHalf, Operator};
 use crate::sink::RecordSink;
 use crate::source::CommandSource;
 use ledger::Chain;
-use machine::link::{Follower, Order, PlanId};
+use machine::link::{Follower, Loaded, Order, PlanId};
 use machine::{MachineParameters, Plant, Quality, RealtimeHalf, Report, Request, State};
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
-use units::{Machine, Point, Tick, Timestamp};
+use std::collections::VecDeque;
+use trace::record::Recorder;
+use trace::survey::Found;
+use units::{Machine, Millimetres, Point, Tick, Timestamp, ToolNumber};
 
 /// One thing that goes wrong with a link or at its ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -170,10 +174,18 @@ const LOOKING: u64 = 100;
 /// Distance from which the person lets a machine go back to its path, mm: a first motion as far as the queue reaches, and the drives' stop.
 const LET_BACK: f64 = 200.0;
 
+/// What the functions of a program come to: what a look through it gave, a recorder made with that, and the diameters of tools.
+pub type Functions = (Found, Recorder, Vec<(ToolNumber, Millimetres)>);
+
 /// A machine, a wire and an office.
 pub struct LinkedWorld<'a, S> {
     config: LinkedConfig,
     program: Box<dyn Fn() -> S + 'a>,
+    functions: Option<Box<dyn Fn() -> Functions + 'a>>,
+    /// Loads that are not the office's: their answers have to be these.
+    beforehand: VecDeque<Loaded>,
+    /// The sender has what the office wants loaded.
+    load_given: bool,
     office: Option<(OfficeHalf<'static, S>, LinkSender)>,
     realtime: Box<RealtimeHalf<Plant>>,
     /// The controller's process runs.
@@ -214,6 +226,9 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
             to_machine: Way::new(config.delay, config.seed ^ 0x6f74),
             to_office: Way::new(config.delay, config.seed ^ 0x6d6f_7266),
             program: Box::new(program),
+            functions: None,
+            beforehand: VecDeque::new(),
+            load_given: false,
             office: None,
             realtime,
             controls: true,
@@ -238,6 +253,13 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
         };
         world.start_sender();
         world
+    }
+
+    /// Does what the functions of the program say, as [`crate::World::with_functions`]; each sender that is started asks for them anew.
+    pub fn with_functions(mut self, functions: impl Fn() -> Functions + 'a) -> Self {
+        self.functions = Some(Box::new(functions));
+        self.start_sender();
+        self
     }
 
     /// The next tick.
@@ -282,7 +304,24 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
         let late = self.disturb();
         self.connect();
         if let Some((office, sender)) = &mut self.office {
+            while let Some(answer) = sender.loaded() {
+                match self.beforehand.pop_front() {
+                    // More tools than it has places for: their cutting speeds are unavailable.
+                    Some(Loaded::Tool) => {}
+                    Some(expected) => assert_eq!(answer, expected, "the program's numbers are the machine's"),
+                    None => {
+                        self.load_given = false;
+                        number_of(answer).into_iter().for_each(|number| office.loaded(number));
+                    }
+                }
+            }
             office.refill(|command| sender.push(command));
+            if !self.load_given
+                && let Some(compiled) = office.to_load()
+            {
+                self.load_given = true;
+                sender.load(Load::from(compiled));
+            }
         }
         self.exchange();
         if late {
@@ -296,10 +335,14 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
         let mut ended = None;
         if let Some((office, sender)) = &mut self.office {
             while let Some(report) = sender.report() {
+                while let Some(firing) = sender.firing(report.sample.tick) {
+                    office.fired(firing);
+                }
                 if let Some(request) = office.receive(&report, None, sink) {
                     sender.request(request);
                 }
             }
+            office.firings_lost(sender.lost_firings());
             office.reports_lost(sender.lost_reports(), self.now, sink);
             ended = office.ended().cloned();
             self.person();
@@ -321,8 +364,20 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
 
     fn start_sender(&mut self) {
         let config = &self.config;
-        let office = OfficeHalf::new((self.program)(), config.operator, config.start, Chain::default());
+        let mut office = OfficeHalf::new((self.program)(), config.operator, config.start, Chain::default());
         let mut sender = LinkSender::new("the office", config.plan, &config.machine);
+        (self.load_given, self.beforehand) = (false, VecDeque::new());
+        if let Some((found, recorder, diameters)) = self.functions.as_ref().map(|functions| functions()) {
+            office = office.with_functions(recorder);
+            for (tool, diameter) in diameters {
+                sender.load(Load::Tool { tool, diameter });
+                self.beforehand.push_back(Loaded::Tool);
+            }
+            for (number, (_, compiled)) in (0..).zip(&found.conditions) {
+                sender.load(Load::from(compiled));
+                self.beforehand.push_back(Loaded::Watch(number));
+            }
+        }
         sender.known_done(self.known_done);
         self.office = Some((office, sender));
     }
@@ -358,6 +413,9 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
         self.realtime.tick(self.now);
         self.follower.after_tick(&mut self.realtime);
         while let Some(report) = self.realtime.report() {
+            while let Some(firing) = self.realtime.firing(report.sample.tick) {
+                self.receiver.fired(firing);
+            }
             seen(&report);
             self.last = Some(report);
             self.receiver

@@ -4,6 +4,7 @@
 //! It stands between the queue that the receiving task fills and the [`RealtimeHalf`], in the realtime thread: what it has to decide,
 //! it decides from what is there, and if the receiving task dies, the tail is in the machine's queue already.
 
+use super::loading::{LoadPart, Loading, Loads};
 use super::message::{Entry, Status, Urgent};
 use crate::controller::{Counters, QUEUE};
 use crate::drive::CyclicDrive;
@@ -55,6 +56,8 @@ pub enum UrgentOrder {
     LinkLost,
     /// It is back in its own session.
     LinkBack,
+    /// A part of what it loads.
+    Load(LoadPart),
 }
 
 /// Where the plan is when a queued command is done.
@@ -78,6 +81,8 @@ pub struct Follower {
     discarded: u64,
     /// What was counted before the plan.
     before: Counters,
+    lost_firings_before: u64,
+    loading: Loading,
     lost: bool,
     /// The stop tail was used: when it has come to rest the machine is held.
     on_tail: bool,
@@ -107,10 +112,15 @@ impl Follower {
                 session: 0,
                 reports: 0,
                 lost_reports: 0,
+                loads: NO_LOADS,
+                firings: 0,
+                lost_firings: 0,
             },
             completed: 0,
             discarded: 0,
             before: ZERO,
+            lost_firings_before: 0,
+            loading: Loading::new(),
             lost: true,
             on_tail: false,
             too_late: 0,
@@ -180,9 +190,15 @@ impl Follower {
                 self.status.session = session;
                 self.status.needs_resume = true;
                 self.lost = false;
+                // Its loads begin with the first again.
+                self.status.loads = NO_LOADS;
                 if !same_plan {
                     (self.status.done, self.status.path_length) = (Some(0), 0.0);
                     self.before = half.controller().counters();
+                    self.loading.new_plan();
+                    half.new_program();
+                    self.lost_firings_before = half.watches().counters().lost_firings;
+                    self.status.lost_firings = 0;
                 }
                 hold(half);
             }
@@ -191,12 +207,14 @@ impl Follower {
                 hold(half);
             }
             UrgentOrder::LinkBack => self.lost = false,
+            UrgentOrder::Load(part) => self.loading.take(part, &mut self.status.loads, half),
         }
     }
 
     /// After each tick: brings the account up to date.
     pub fn after_tick<D: CyclicDrive, P: ControlPad>(&mut self, half: &mut RealtimeHalf<D, P>) {
         self.account(half);
+        self.status.lost_firings = half.watches().counters().lost_firings - self.lost_firings_before;
         if self.tail > 0 && self.marks.len() < self.tail {
             self.use_tail();
         }
@@ -270,6 +288,11 @@ impl Follower {
         self.status.executed = self.status.executed.min(in_body);
     }
 }
+
+const NO_LOADS: Loads = Loads {
+    decided: 0,
+    last: [super::loading::Loaded::Tool; super::loading::LOADS_UNDER_WAY as usize],
+};
 
 const ZERO: Counters = Counters {
     accepted: 0,

@@ -18,7 +18,7 @@ use super::crc::crc32c;
 use super::wire::{Reader, Wire, WireError, Writer};
 
 /// The version that this side speaks.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// Bytes of a frame at most: a block of set-points and its stop tail.
 pub const FRAME: usize = 48 * 1024;
 /// Bytes before the payload.
@@ -49,6 +49,8 @@ pub enum Kind {
     Heartbeat,
     /// The sender is done: the lease is free.
     Goodbye,
+    /// A condition, or a tool's diameter, that the machine is to know before it is told of it.
+    Load,
 }
 super::wire::wire_enum!(Kind {
     1 = Hello,
@@ -59,6 +61,7 @@ super::wire::wire_enum!(Kind {
     6 = Reports,
     7 = Heartbeat,
     8 = Goodbye,
+    9 = Load,
 });
 
 /// What stands in a frame before its payload.

@@ -8,7 +8,9 @@ use crate::pad::{Mode, Notices};
 use crate::realtime::Report;
 use crate::sample::{Phase, Quality, Sample};
 use crate::state::{FaultCause, HomingStage, State, StopCause, Wait};
-use crate::watch::{AlarmOrder, Reaction, ResetBy, WatchCost, WatchOrder};
+use crate::watch::{
+    AlarmOrder, BadCondition, Firing, Frequency, LoadError, Operation, Reaction, Relation, ResetBy, WatchCost, WatchOrder,
+};
 use crate::{Command, CoolantOutlets, SetPoint, SpindleCommand};
 
 wire_struct!(SetPoint {
@@ -56,6 +58,52 @@ wire_enum!(ResetBy {
     1 = Acknowledge,
     2 = Reset,
 });
+wire_enum!(Frequency {
+    0 = NoKeyword,
+    1 = Whenever,
+    2 = FromFirst,
+    3 = WhenOnce,
+    4 = EveryEdge,
+});
+wire_enum!(Operation {
+    1 = Signal(signal),
+    2 = Constant(number),
+    3 = Truth(truth),
+    4 = Alarm(alarm),
+    5 = Compare(signal, relation, number),
+    6 = Relate(relation),
+    7 = Add,
+    8 = Subtract,
+    9 = Multiply,
+    10 = Divide,
+    11 = Negate,
+    12 = Not,
+    13 = And,
+    14 = Or,
+    15 = Xor,
+});
+wire_enum!(Relation {
+    0 = Less,
+    1 = LessOrEqual,
+    2 = Greater,
+    3 = GreaterOrEqual,
+    4 = Equal,
+    5 = NotEqual,
+});
+wire_enum!(LoadError {
+    1 = Condition(bad),
+    2 = Full,
+    3 = Frequency,
+    4 = Alarms,
+});
+wire_enum!(BadCondition {
+    1 = TooLong,
+    2 = TooDeep,
+    3 = Operands { at },
+    4 = Number { at },
+    5 = Result,
+});
+wire_struct!(Firing { tick, watch, known });
 wire_struct!(WatchCost { operations, nanoseconds });
 wire_enum!(SpindleCommand {
     0 = Stop,

@@ -1,10 +1,13 @@
 //! What frames carry.
 
 use super::frame::{FRAME, Header, Kind, write_frame};
+use super::loading::Loads;
 use super::wire::{Reader, Wire, WireError, Writer, wire_enum, wire_struct};
 use crate::controller::Request;
 use crate::sample::Quality;
+use crate::watch::Frequency;
 use crate::{Command, MachineParameters};
+use units::{Millimetres, ToolNumber};
 
 /// The unit word of the hello: mm, mm/s, mm/s^2, rev/min, cycles of 1 ms. There is no other.
 pub const UNITS: [u8; 4] = *b"mmms";
@@ -134,6 +137,8 @@ pub struct Hello {
     pub session: u32,
     /// Reports that it has, by their number.
     pub reports: u64,
+    /// Firings that it has, by their number.
+    pub firings: u64,
 }
 wire_struct!(Hello {
     units,
@@ -143,6 +148,7 @@ wire_struct!(Hello {
     limits,
     session,
     reports,
+    firings,
 });
 
 /// The machine takes the sender.
@@ -292,6 +298,12 @@ pub struct Status {
     pub reports: u64,
     /// Reports that were lost because nobody took them.
     pub lost_reports: u64,
+    /// What became of what the sender gave to be loaded.
+    pub loads: Loads,
+    /// Firings of which the sender has heard so far are numbered below this.
+    pub firings: u64,
+    /// Firings that were lost, in all.
+    pub lost_firings: u64,
 }
 wire_struct!(Status {
     session,
@@ -303,9 +315,12 @@ wire_struct!(Status {
     needs_resume,
     reports,
     lost_reports,
+    loads,
+    firings,
+    lost_firings,
 });
 
-/// The beginning of a reports frame; behind it stand `count` reports.
+/// The beginning of a reports frame; behind it stand `count` reports, and then `firings` of [`crate::watch::Firing`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReportsHead {
     /// How far everything is.
@@ -314,16 +329,65 @@ pub struct ReportsHead {
     pub first: u64,
     /// How many follow.
     pub count: u16,
+    /// Number of the first firing.
+    pub first_firing: u64,
+    /// Firings of their cycles, in order.
+    pub firings: u16,
 }
-wire_struct!(ReportsHead { status, first, count });
+wire_struct!(ReportsHead {
+    status,
+    first,
+    count,
+    first_firing,
+    firings,
+});
 
-/// A heartbeat of the sender: reports that it has, by their number.
+/// What a load frame carries: its number in the plan, from 0, and what is loaded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LoadHead {
+    /// Which.
+    pub number: u32,
+    /// What.
+    pub what: LoadWhat,
+}
+wire_struct!(LoadHead { number, what });
+
+/// What is loaded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LoadWhat {
+    /// A condition; behind it stand its operations and then its orders for alarms.
+    Watch {
+        /// When it fires.
+        frequency: Frequency,
+        /// It goes on in every mode.
+        all_modes: bool,
+        /// How many operations.
+        operations: u8,
+        /// How many orders for alarms.
+        alarms: u8,
+    },
+    /// The diameter of a tool, for cutting speeds.
+    Tool {
+        /// Which tool.
+        tool: ToolNumber,
+        /// Its diameter.
+        diameter: Millimetres,
+    },
+}
+wire_enum!(LoadWhat {
+    1 = Watch { frequency, all_modes, operations, alarms },
+    2 = Tool { tool, diameter },
+});
+
+/// A heartbeat of the sender: reports and firings that it has, by their number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SenderHeartbeat {
     /// Reports below this number have come.
     pub reports: u64,
+    /// Firings below this number have come.
+    pub firings: u64,
 }
-wire_struct!(SenderHeartbeat { reports });
+wire_struct!(SenderHeartbeat { reports, firings });
 
 /// Writes a whole frame around one message.
 ///

@@ -1,9 +1,9 @@
 //! Fields as bytes: little-endian, every bit of a number as it is, so that what comes out equals what went in.
 //!
-//! A type is one line: `wire_struct!` and `wire_enum!` take it apart by name, so a new field or variant does not compile until it
+//! A type is one line: [`wire_struct!`] and [`wire_enum!`] take it apart by name, so a new field or variant does not compile until it
 //! stands in its line.
 
-use units::{Rpm, StepId, Tick, ToolNumber, WorkingstepId};
+use units::{Millimetres, Rpm, StepId, Tick, ToolNumber, WorkingstepId};
 
 /// Goes over the wire.
 pub trait Wire: Sized {
@@ -187,7 +187,7 @@ macro_rules! wire_newtype {
         }
     )*};
 }
-wire_newtype!(Rpm, StepId, Tick, ToolNumber, WorkingstepId);
+wire_newtype!(Millimetres, Rpm, StepId, Tick, ToolNumber, WorkingstepId);
 
 /// A struct, all of its fields in this order.
 macro_rules! wire_struct {

@@ -73,12 +73,12 @@ pub enum BadCondition {
     /// An operation finds a number where it needs a truth, or the reverse, or nothing.
     Operands {
         /// Which operation, from 0.
-        at: usize,
+        at: u16,
     },
     /// It asks for a signal or an alarm that does not exist.
     Number {
         /// Which operation, from 0.
-        at: usize,
+        at: u16,
     },
     /// It leaves something else than one truth.
     Result,
@@ -108,7 +108,7 @@ pub fn check(operations: &[Operation]) -> Result<(), BadCondition> {
     // True where a truth stands.
     let mut stack = [false; DEPTH];
     let mut height = 0;
-    for (at, operation) in operations.iter().enumerate() {
+    for (at, operation) in (0u16..).zip(operations) {
         let (takes, of_truths, gives_truth) = match operation {
             Operation::Signal(_) | Operation::Constant(_) => (0, false, false),
             Operation::Truth(_) | Operation::Alarm(_) | Operation::Compare(..) => (0, false, true),
@@ -172,6 +172,17 @@ const COMPARE: u8 = 16;
 const RELATE: u8 = 32;
 
 impl Packed {
+    /// The place of its number among the constants, if it has one.
+    pub(super) fn constant(self) -> Option<u16> {
+        let code = self.0 as u8;
+        (code == CONSTANT || (COMPARE..RELATE).contains(&code)).then_some((self.0 >> 16) as u16)
+    }
+
+    /// The same with its number at another place.
+    pub(super) fn with_constant(self, place: u16) -> Packed {
+        Packed(self.0 & 0xffff | u32::from(place) << 16)
+    }
+
     /// Packs an operation; `constant` gives the place of a number.
     pub(super) fn of(operation: Operation, mut constant: impl FnMut(f64) -> Option<u16>) -> Option<Packed> {
         let word = |code: u8, signal: u8, number: u16| Packed(u32::from(code) | u32::from(signal) << 8 | u32::from(number) << 16);

@@ -133,6 +133,18 @@ pub enum LoadError {
     Alarms,
 }
 
+impl LoadError {
+    /// In words.
+    pub fn text(self) -> &'static str {
+        match self {
+            LoadError::Condition(bad) => bad.text(),
+            LoadError::Full => "the machine has no room for more conditions",
+            LoadError::Frequency => "a condition needs a frequency, and a frequency other than none a condition",
+            LoadError::Alarms => "it does more to alarms than a condition may, or to one that does not exist",
+        }
+    }
+}
+
 /// A watch has fired, or could not be decided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Firing {
@@ -167,6 +179,8 @@ pub struct WatchCounters {
 pub struct Watches<const CONDITIONS: usize = { self::CONDITIONS }, const OPERATIONS: usize = { self::OPERATIONS }> {
     slots: [Slot; CONDITIONS],
     loaded: usize,
+    /// Those before this place are of programs before the present one, whose first has number 0.
+    base: usize,
     operations: [Packed; OPERATIONS],
     used: usize,
     constants: [f64; CONSTANTS],
@@ -191,6 +205,8 @@ struct Slot {
     /// From, When: the condition was true once. Every: it was true in the cycle before.
     latch: bool,
     unknown: bool,
+    /// Where it goes when the program before it is forgotten.
+    place: u16,
     alarms: [Option<AlarmOrder>; ALARMS_OF_A_WATCH],
 }
 
@@ -202,6 +218,7 @@ const EMPTY: Slot = Slot {
     runs: false,
     latch: false,
     unknown: false,
+    place: 0,
     alarms: [None; ALARMS_OF_A_WATCH],
 };
 
@@ -271,6 +288,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
         Watches {
             slots: [EMPTY; CONDITIONS],
             loaded: 0,
+            base: 0,
             operations: [const { Packed::NONE }; OPERATIONS],
             used: 0,
             constants: [0.0; CONSTANTS],
@@ -333,12 +351,83 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
         };
         self.used = end;
         self.loaded += 1;
-        Ok(self.loaded as u16 - 1)
+        Ok((self.loaded - 1 - self.base) as u16)
     }
 
-    /// How many are loaded.
+    /// How many of the present program are loaded.
     pub fn loaded(&self) -> usize {
-        self.loaded
+        self.loaded - self.base
+    }
+
+    /// Another program: its watches have numbers from 0 on. Of those before only what runs in every mode is kept. It goes on, and what it
+    /// does to alarms is done; its firings are told to nobody, because the run that would record them is over.
+    pub fn new_program(&mut self) {
+        self.program_ends();
+        self.firings.clear();
+        let mut kept = 0;
+        for slot in self.slots[..self.loaded].iter_mut().filter(|slot| slot.runs) {
+            slot.place = kept;
+            kept += 1;
+        }
+        for number in &mut self.running[..self.runs] {
+            *number = self.slots[usize::from(*number)].place;
+        }
+        // Each goes to a place that is its own or before it: those behind are not touched yet.
+        let mut used = 0;
+        for at in 0..self.loaded {
+            let slot = self.slots[at];
+            if !slot.runs {
+                continue;
+            }
+            let (first, length) = (slot.first as usize, usize::from(slot.length));
+            self.operations.copy_within(first..first + length, used);
+            self.slots[usize::from(slot.place)] = Slot {
+                first: used as u32,
+                ..slot
+            };
+            used += length;
+        }
+        (self.loaded, self.base, self.used) = (self.runs, self.runs, used);
+        for slot in &mut self.slots[self.loaded..] {
+            slot.runs = false;
+        }
+        self.forget_constants();
+    }
+
+    /// Lets go of numbers that no operation has any more.
+    fn forget_constants(&mut self) {
+        const WORDS: usize = CONSTANTS / 64;
+        let mut used = [0u64; WORDS];
+        let place = |constant: u16| (usize::from(constant) / 64 % WORDS, u32::from(constant) % 64);
+        for constant in self.operations[..self.used]
+            .iter()
+            .filter_map(|operation| operation.constant())
+        {
+            let (word, bit) = place(constant);
+            used[word] |= 1 << bit;
+        }
+        let mut before = [0u16; WORDS];
+        let mut kept = 0u16;
+        for (word, before) in used.iter().zip(&mut before) {
+            *before = kept;
+            kept += word.count_ones() as u16;
+        }
+        let moved = |constant: u16| {
+            let (word, bit) = place(constant);
+            before[word] + (used[word] & ((1 << bit) - 1)).count_ones() as u16
+        };
+        for operation in &mut self.operations[..self.used] {
+            if let Some(constant) = operation.constant() {
+                *operation = operation.with_constant(moved(constant));
+            }
+        }
+        for at in 0..self.numbers as u16 {
+            let (word, bit) = place(at);
+            if used[word] & (1 << bit) != 0 {
+                self.constants[usize::from(moved(at))] = self.constants[usize::from(at)];
+            }
+        }
+        self.numbers = usize::from(kept);
     }
 }
 
@@ -402,11 +491,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
             };
             if truth.is_nan() {
                 if !core::mem::replace(&mut slot.unknown, true) {
-                    self.tell(Firing {
-                        tick: now,
-                        watch: number,
-                        known: false,
-                    });
+                    self.tell(now, number, false);
                 }
                 continue;
             }
@@ -432,6 +517,15 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
     pub fn reset(&mut self) {
         self.alarms.end(|alarms| &alarms.reset);
         self.program_ends();
+    }
+
+    /// The power is off: nothing goes on.
+    pub fn power_off(&mut self) {
+        self.program_ends();
+        for number in &self.running[..self.runs] {
+            self.slots[usize::from(*number)].runs = false;
+        }
+        self.runs = 0;
     }
 
     /// The program is over: so is what belongs to automatic.
@@ -477,33 +571,33 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
     }
 
     fn start(&mut self, number: u16) {
-        let at = usize::from(number);
+        let at = self.base + usize::from(number);
         if at >= self.loaded || self.slots[at].runs {
             self.counters.refused_orders += 1;
             return;
         }
         let slot = &mut self.slots[at];
         (slot.runs, slot.latch, slot.unknown) = (true, false, false);
-        self.running[self.runs] = number;
+        self.running[self.runs] = at as u16;
         self.runs += 1;
     }
 
     fn stop(&mut self, number: u16) {
-        let Some(at) = self.running[..self.runs].iter().position(|running| *running == number) else {
+        let slot = self.base + usize::from(number);
+        let Some(at) = self.running[..self.runs]
+            .iter()
+            .position(|running| usize::from(*running) == slot)
+        else {
             self.counters.refused_orders += 1;
             return;
         };
         self.running.copy_within(at + 1..self.runs, at);
         self.runs -= 1;
-        self.slots[usize::from(number)].runs = false;
+        self.slots[slot].runs = false;
     }
 
     fn fire(&mut self, now: Tick, watch: u16) -> Reaction {
-        self.tell(Firing {
-            tick: now,
-            watch,
-            known: true,
-        });
+        self.tell(now, watch, true);
         let mut strongest = Reaction::None;
         for order in self.slots[usize::from(watch)].alarms.into_iter().flatten() {
             let reaction = self.alarms.obey(order);
@@ -521,8 +615,16 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
         reaction
     }
 
-    fn tell(&mut self, firing: Firing) {
-        let alarms = self.slots[usize::from(firing.watch)].alarms[0].is_some();
+    fn tell(&mut self, tick: Tick, slot: u16, known: bool) {
+        let Some(number) = usize::from(slot).checked_sub(self.base) else {
+            return;
+        };
+        let firing = Firing {
+            tick,
+            watch: number as u16,
+            known,
+        };
+        let alarms = self.slots[usize::from(slot)].alarms[0].is_some();
         let room = if alarms { 0 } else { RESERVED };
         if self.firings.free() <= room || self.firings.push(firing).is_err() {
             self.counters.lost_firings += 1;

@@ -254,6 +254,11 @@ impl Readings {
         true
     }
 
+    /// Another program: no operation has begun, and of no tool is the diameter known.
+    pub fn new_program(&mut self) {
+        (self.operation_began, self.tools) = (None, 0);
+    }
+
     /// An operation begins, or is over, in the coming cycle.
     pub fn operation(&mut self, now: Tick, begins: bool) {
         self.operation_began = begins.then_some(now);
