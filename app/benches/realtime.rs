@@ -8,6 +8,7 @@
 #![allow(unsafe_code, reason = "an allocator that counts is unsafe to write")]
 
 #[allow(dead_code, reason = "the program uses all of it, the bench what it measures")]
+#[allow(unused_imports, reason = "its unit tests have no harness here")]
 #[path = "../src/controller/realtime/mod.rs"]
 mod realtime;
 

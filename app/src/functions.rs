@@ -320,7 +320,7 @@ fn sentence(detail: &BTreeMap<String, Value>) -> String {
             continue;
         }
         if key == "values" {
-            parts.extend(value.as_array().into_iter().flatten().map(|one| value_text(one)));
+            parts.extend(value.as_array().into_iter().flatten().map(value_text));
         } else {
             parts.push(format!("{key} {}", text_of(detail, key)));
         }

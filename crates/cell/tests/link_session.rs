@@ -168,6 +168,7 @@ impl Forger {
             limits: LimitsHash::of(&machine()),
             session: 0,
             reports: 0,
+            firings: 0,
         };
         self.frame(Kind::Hello, 0, |to| hello.write(to))
     }

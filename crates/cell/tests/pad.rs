@@ -29,7 +29,7 @@ fn somebody_there() -> WorldConfig {
     }
 }
 
-fn kinds<'k>(kept: &'k Kept) -> Vec<&'k str> {
+fn kinds(kept: &Kept) -> Vec<&str> {
     kept.events.iter().map(|e| e.kind.as_str()).collect()
 }
 

@@ -1,7 +1,7 @@
 //! What conditions cost in a cycle: 4096 of three comparisons on different signals each, all frequencies, 1 % firing.
 //!
 //! `cargo bench -p machine --bench watch`: time of a cycle at p50, p99 and p99.9 against a tenth of the servo cycle.
-#![allow(clippy::disallowed_methods, reason = "a bench measures time")]
+#![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "a bench measures time")]
 
 use machine::watch::{Frequency, Mode, Operation, Readings, Relation, SIGNALS, Situation, Watch, WatchOrder, Watches};
 use machine::{MachineParameters, Phase, Sample};

@@ -117,7 +117,7 @@ struct Pad;
 impl ControlPad for Pad {
     fn read(&mut self, now: Tick) -> Option<PadState> {
         (now.0 % 9_000 > 100).then(|| PadState {
-            selector: if now.0 / 3_000 % 2 == 0 {
+            selector: if (now.0 / 3_000).is_multiple_of(2) {
                 Mode::Auto
             } else {
                 Mode::Jog { axis: 1 }

@@ -241,5 +241,5 @@ fn every_entity_of_the_schema_refers_to_what_is_in_it() {
         assert!(built_in || declared.iter().any(|d| d == kind), "{line}");
     }
     let unique = |f: &&Definition| declared.iter().filter(|d| **d == f.name).count() == 1;
-    assert!(FUNCTIONS.iter().all(|f| unique(f)));
+    assert!(FUNCTIONS.iter().all(unique));
 }

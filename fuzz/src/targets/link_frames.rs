@@ -43,6 +43,7 @@ pub fn run(bytes: &[u8]) {
         limits: LimitsHash::of(&machine),
         session: 0,
         reports: 0,
+        firings: 0,
     };
     let mut sequence = 1;
     receiver.receive(1, Tick(0), &framed(Kind::Hello, 0, sequence, |to| hello.write(to)));

@@ -364,10 +364,8 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
     pub fn new_program(&mut self) {
         self.program_ends();
         self.firings.clear();
-        let mut kept = 0;
-        for slot in self.slots[..self.loaded].iter_mut().filter(|slot| slot.runs) {
-            slot.place = kept;
-            kept += 1;
+        for (place, slot) in (0..).zip(self.slots[..self.loaded].iter_mut().filter(|slot| slot.runs)) {
+            slot.place = place;
         }
         for number in &mut self.running[..self.runs] {
             *number = self.slots[usize::from(*number)].place;
