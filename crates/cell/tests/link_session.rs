@@ -240,15 +240,15 @@ fn frames_against_the_rules_close_the_connection_and_reach_nothing() {
     );
     check_refused(
         |f| f.frame(Kind::Block, 1, block(0, 0, 2, 0, 1)),
-        "byte 88 of the connection: in the frame, byte 134: a byte was expected",
+        "byte 96 of the connection: in the frame, byte 134: a byte was expected",
     );
     check_refused(
         |f| f.frame(Kind::Block, 1, block(0, 0, 1, 0, 2)),
-        "byte 88 of the connection: in the frame, byte 134: the end of the frame was expected",
+        "byte 96 of the connection: in the frame, byte 134: the end of the frame was expected",
     );
     check_refused(
         |f| f.frame(Kind::Urgent, 1, |to| 77u8.write(to)),
-        "byte 88 of the connection: in the frame, byte 0: the number of a Urgent was expected",
+        "byte 96 of the connection: in the frame, byte 0: the number of a Urgent was expected",
     );
     check_refused(
         |f| {
@@ -302,7 +302,7 @@ fn bytes_that_are_no_frame_are_named_with_their_place() {
     newer[end..].copy_from_slice(&checksum.to_le_bytes());
     check(
         &newer,
-        "byte 0 of the connection: the other side speaks version 9 of the link, this one 1: use the same release on both",
+        "byte 0 of the connection: the other side speaks version 9 of the link, this one 2: use the same release on both",
     );
 }
 

@@ -217,6 +217,10 @@ fn a_report_comes_out_as_it_went_in() {
             path_speed: e,
         },
         overrides: Overrides::default(),
+        watches: machine::watch::WatchCost {
+            operations: 7,
+            nanoseconds: u32::MAX,
+        },
         notices: Notices {
             emergency_stop: Some(true),
             mode: Some(Mode::Jog { axis: 1 }),
