@@ -29,7 +29,7 @@ pub(crate) fn parse(text: &str) -> Result<Expression, Box<Fault>> {
     }
 }
 
-/// The condition as [`parse`] reads it back: small words, units as written, brackets where a reader would want them.
+/// The condition as `parse` reads it back: small words, units as written, brackets where a reader would want them.
 pub fn print(expression: &Expression) -> String {
     match expression {
         Expression::Number(number, None) => format!("{number}"),

@@ -1,6 +1,6 @@
 //! Fields as bytes: little-endian, every bit of a number as it is, so that what comes out equals what went in.
 //!
-//! A type is one line: [`wire_struct!`] and [`wire_enum!`] take it apart by name, so a new field or variant does not compile until it
+//! A type is one line: `wire_struct!` and `wire_enum!` take it apart by name, so a new field or variant does not compile until it
 //! stands in its line.
 
 use units::{Millimetres, Rpm, StepId, Tick, ToolNumber, WorkingstepId};

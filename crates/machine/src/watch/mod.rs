@@ -4,7 +4,7 @@
 //! [`WatchOrder`]s in order with the path, and evaluated in the order in which they were started. What a watch does to the machine (an
 //! alarm and its reaction) happens here, in the same cycle; what it records is the office half's, which hears of each firing.
 //!
-//! Read on: [`signal`] for what can be looked at, [`condition`] for the operations.
+//! Read on: [`mod@signal`] for what can be looked at, [`mod@condition`] for the operations.
 
 pub mod condition;
 pub mod signal;
