@@ -17,7 +17,8 @@ impl ControlPad for Pad {
 }
 
 struct Bench {
-    half: RealtimeHalf<Plant, Pad>,
+    // On the heap: its queues and conditions are large for the stack of a test.
+    half: Box<RealtimeHalf<Plant, Pad>>,
     now: Tick,
     reports: Vec<Report>,
 }
@@ -27,7 +28,7 @@ impl Bench {
         parameters.check().expect("a sound machine");
         let plant = Plant::new(parameters, Point::from_xyz(start), 7);
         let mut bench = Bench {
-            half: RealtimeHalf::with_pad(parameters, plant, Pad::default(), Quality::Simulated),
+            half: Box::new(RealtimeHalf::with_pad(parameters, plant, Pad::default(), Quality::Simulated)),
             now: Tick(0),
             reports: Vec::new(),
         };

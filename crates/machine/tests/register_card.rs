@@ -135,7 +135,7 @@ fn circle(radius: f64, speed: f64) -> Vec<Command> {
 }
 
 /// Runs commands to the end and gives all reports.
-fn run<D: CyclicDrive>(mut half: RealtimeHalf<D>, commands: Vec<Command>) -> Vec<Report> {
+fn run<D: CyclicDrive>(half: &mut RealtimeHalf<D>, commands: Vec<Command>) -> Vec<Report> {
     let mut queue: std::collections::VecDeque<Command> = commands.into();
     let mut reports = Vec::new();
     half.request(Request::PowerOn);
@@ -173,16 +173,19 @@ fn both_laws_machine_a_circle_on_the_simulated_drives_and_the_sources_through_a_
     let ours = MachineParameters::small_machining_centre();
     let plant = |p: &MachineParameters| Plant::new(p, Point::ORIGIN, 3);
     let feed_forward = run(
-        RealtimeHalf::new(&ours, plant(&ours), Quality::Simulated),
+        &mut Box::new(RealtimeHalf::new(&ours, plant(&ours), Quality::Simulated)),
         circle(radius, speed),
     );
     let source = by_speed();
     let speed_set_point = run(
-        RealtimeHalf::new(&source, plant(&source), Quality::Simulated),
+        &mut Box::new(RealtimeHalf::new(&source, plant(&source), Quality::Simulated)),
         circle(radius, speed),
     );
     let card = RegisterCard::new(&source, Iron::new(&source, [0.0; 3], 0));
-    let through_card = run(RealtimeHalf::new(&source, card, Quality::Simulated), circle(radius, speed));
+    let through_card = run(
+        &mut Box::new(RealtimeHalf::new(&source, card, Quality::Simulated)),
+        circle(radius, speed),
+    );
     let off = [&feed_forward, &speed_set_point, &through_card].map(|reports| off_circle(radius, reports));
     println!(
         "off the circle: feed-forward {:.4}, speed set-point {:.4}, through a card {:.4} mm",
@@ -206,7 +209,7 @@ fn a_machine_with_a_card_is_homed_through_it_and_counters_may_wrap() {
     }
     // The counters of the encoders pass their end on the way.
     let card = RegisterCard::new(&parameters, Iron::new(&parameters, [-50.0, 10.0, 85.0], i32::MAX - 20_000));
-    let mut half = RealtimeHalf::new(&parameters, card, Quality::Good);
+    let mut half = Box::new(RealtimeHalf::new(&parameters, card, Quality::Good));
     half.request(Request::PowerOn);
     half.tick(Tick(0));
     half.request(Request::Home);

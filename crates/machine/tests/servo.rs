@@ -11,7 +11,8 @@ const T: f64 = 0.001;
 
 /// Runs commands until the machine is idle or `cycles` are over.
 struct Run {
-    half: RealtimeHalf<Plant>,
+    // On the heap: its queues and conditions are large for the stack of a test.
+    half: Box<RealtimeHalf<Plant>>,
     now: Tick,
     queue: std::collections::VecDeque<Command>,
     reports: Vec<Report>,
@@ -19,7 +20,11 @@ struct Run {
 
 impl Run {
     fn new(parameters: &MachineParameters, commands: Vec<Command>) -> Run {
-        let mut half = RealtimeHalf::new(parameters, Plant::new(parameters, Point::ORIGIN, 7), Quality::Simulated);
+        let mut half = Box::new(RealtimeHalf::new(
+            parameters,
+            Plant::new(parameters, Point::ORIGIN, 7),
+            Quality::Simulated,
+        ));
         half.request(Request::PowerOn);
         half.tick(Tick(0));
         half.report();
