@@ -9,7 +9,7 @@ use units::{Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Point, StepId};
 
 /// One search over one window that takes all the steps it may, which is rare; most take a quarter of it. More for one set-point is a window
 /// that is too long.
-const MOST: u64 = 80_000;
+const MOST: u64 = 100_000;
 
 fn limits(v: f64, a: f64, j: f64) -> Limits {
     Limits {

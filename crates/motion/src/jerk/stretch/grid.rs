@@ -8,9 +8,8 @@ use super::{CRUISE, Cell, FIRST, GROWTH, INTERVAL, MOST_INTERVALS, Stretch};
 /// Share of an interval by which two places may differ that are the same: a last digit of a coordinate must not make another grid.
 const HAIR: f64 = 1e-6;
 
-/// Intervals that a window is to plan for good; where the override has changed it may change again, and all of them are solved again with it.
-/// Fewer would be quicker to solve again, but two programs that differ by a last digit are alike only within one window.
-const AT_ONCE: usize = 1000;
+/// Intervals that a window is to plan for good where the override has changed: it may change again, and all of them are solved again with
+/// it. Elsewhere a window is as long as it may be: two programs that differ by a last digit are alike only within one window.
 const AT_ONCE_AGAIN: usize = 400;
 
 /// Intervals at least behind these.
@@ -49,11 +48,11 @@ impl Stretch {
         let at_once = match self.replanned {
             _ if self.fineness > 1.0 => usize::MAX,
             true => AT_ONCE_AGAIN,
-            false => AT_ONCE,
+            false => usize::MAX,
         };
         let mut ahead = Ahead::behind(self.grid.iter().skip(at_once));
         while s < to && self.grid.len() < most {
-            if self.grid.len() > at_once + LEAST_BEHIND && ahead.is_enough(ROOM * self.patience) {
+            if self.grid.len() > at_once.saturating_add(LEAST_BEHIND) && ahead.is_enough(ROOM * self.patience) {
                 break;
             }
             while i + 2 < n && self.sights[i + 1].s <= s + HAIR * (self.sights[i + 1].s - self.sights[i].s) {
