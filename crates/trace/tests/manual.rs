@@ -235,7 +235,7 @@ fn every_entity_of_the_schema_refers_to_what_is_in_it() {
         .map(str::to_owned)
         .collect();
     for line in text.lines().filter(|line| line.starts_with("  ")) {
-        let kind = line.split(':').nth(1).unwrap_or_default().trim().trim_end_matches(';');
+        let kind = line.split_once(':').map_or("", |(_, kind)| kind).trim().trim_end_matches(';');
         let kind = kind.trim_start_matches("OPTIONAL ").rsplit(' ').next().unwrap_or_default();
         let built_in = ["INTEGER", "REAL", "BOOLEAN", "Written"].contains(&kind) || line.contains("Written from");
         assert!(built_in || declared.iter().any(|d| d == kind), "{line}");
