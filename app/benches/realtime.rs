@@ -7,8 +7,11 @@
 
 #![allow(unsafe_code, reason = "an allocator that counts is unsafe to write")]
 
-#[allow(dead_code, reason = "the program uses all of it, the bench what it measures")]
-#[allow(unused_imports, reason = "its unit tests have no harness here")]
+#[allow(
+    dead_code,
+    unused_imports,
+    reason = "the program uses all of it, the bench what it measures, and its tests are not run here"
+)]
 #[path = "../src/controller/realtime/mod.rs"]
 mod realtime;
 

@@ -56,11 +56,6 @@ fn recorded(told: &Value) -> BTreeSet<String> {
     names
 }
 
-/// How a function shows in the log: what is stopped tells of its start's kind, and points of a recording.
-fn shows(name: &str, records: &BTreeSet<String>) -> bool {
-    records.contains(name)
-}
-
 #[test]
 fn every_function_is_loaded_run_recorded_exported_and_in_the_manual() {
     let manual = std::fs::read_to_string(repository().join("docs/functions.md")).expect("the manual's page");
@@ -92,7 +87,7 @@ fn every_function_is_loaded_run_recorded_exported_and_in_the_manual() {
                 loaded || name == "display_message",
                 "{program}: {name} is not loaded: {of_functions:?}"
             );
-            assert!(shows(name, &records), "{program}: {name} is not recorded: {records:?}");
+            assert!(records.contains(name), "{program}: {name} is not recorded: {records:?}");
             assert!(exported.contains(name), "{program}: {name} is not exported");
             assert!(manual.contains(&format!("### `{name}`")), "{name} has no page");
         }

@@ -96,12 +96,10 @@ pub fn serve(
         while urgent.is_none()
             && let Some(order) = receiver.order()
         {
-            let taken = match order {
-                TextOrder::Command(command) => ends.queued.push(Queued::Command(command)).is_ok(),
-                TextOrder::Mode(mode) => ends.at_once.push(AtOnce::Request(Request::Mode(mode))).is_ok(),
-                TextOrder::JogFeed(feed) => ends.at_once.push(AtOnce::Request(Request::JogFeed(feed))).is_ok(),
-                TextOrder::Spindle(spindle) => ends.at_once.push(AtOnce::Request(Request::JogSpindle(spindle))).is_ok(),
-                TextOrder::Home => ends.at_once.push(AtOnce::Request(Request::Home)).is_ok(),
+            let taken = match (order, order.request()) {
+                (TextOrder::Command(command), _) => ends.queued.push(Queued::Command(command)).is_ok(),
+                (_, Some(request)) => ends.at_once.push(AtOnce::Request(request)).is_ok(),
+                (_, None) => true,
             };
             if !taken {
                 receiver.give_back(order);

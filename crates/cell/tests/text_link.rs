@@ -138,7 +138,11 @@ impl TextWorld {
                         self.spindle.push(command);
                     }
                 }
-                other => self.transcript.push(format!("          machine: {other:?}")),
+                other => {
+                    if let Some(request) = other.request() {
+                        self.half.request(request);
+                    }
+                }
             }
         }
         self.half.tick(now);
@@ -458,7 +462,7 @@ fn any_split_of_the_bytes_gives_the_same_lines() {
         (orders, notices)
     };
     let whole = read(text.len());
-    assert_eq!((whole.0.len(), whole.1.len()), (15, 1), "{whole:?}");
+    assert_eq!((whole.0.len(), whole.1.len()), (16, 1), "{whole:?}");
     for pieces in 1..text.len() {
         assert_eq!(read(pieces), whole);
     }

@@ -13,6 +13,7 @@
 pub mod condition;
 pub mod control;
 pub mod controls;
+mod fingerprint;
 pub mod functions;
 pub mod grade;
 mod head;

@@ -28,6 +28,7 @@ impl Posting<'_, '_> {
                 "correct the program",
             ));
         }
+        self.fingerprint.travel(go, &path);
         if self.lifted > 0 && go.derived {
             return self.come_down(&path);
         }

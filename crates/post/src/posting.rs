@@ -5,6 +5,7 @@
 
 use crate::control::Control;
 use crate::control::work_number;
+use crate::fingerprint::Fingerprint;
 use crate::functions::Tracing;
 use crate::grade::Row;
 use crate::sheet::{Refusal, Sheet};
@@ -15,7 +16,6 @@ use plan::{
     CoolantState, Diagnostic, FrameChange, Level, MachineMove, Origin, PathMode, Place, SpindleState, Step, StepKind, ToolOffset,
 };
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use units::{Machine, Setup, ToolNumber, Transform};
 
 /// What the person who posts says.
@@ -93,12 +93,12 @@ pub fn post(
         first.run(program.as_mut())?;
         first.known()
     };
-    let digest = known.digest;
+    let fingerprint = known.fingerprint;
     let mut program = open(1)?;
     let mut second = Posting::new(control, options, out, Some(known));
     second.run(program.as_mut())?;
     let again = second.known();
-    if again.digest != digest {
+    if !again.fingerprint.is_like(&fingerprint) {
         return Err(Box::new(
             Diagnostic::error(
                 "depends-on-machine",
@@ -133,7 +133,7 @@ pub(crate) struct Known {
     /// The program asks how long workingsteps, operations or itself take.
     pub(crate) timers: [bool; 3],
     pub(crate) logs: bool,
-    pub(crate) digest: u64,
+    pub(crate) fingerprint: Fingerprint,
     pub(crate) lines: u64,
 }
 
@@ -166,8 +166,7 @@ pub(crate) struct Posting<'c, 's> {
     pub(crate) tap: Option<Tap>,
     moves: u32,
     started: bool,
-    /// The same for the same places.
-    digest: u64,
+    pub(crate) fingerprint: Fingerprint,
 }
 
 impl<'c, 's> Posting<'c, 's> {
@@ -201,7 +200,7 @@ impl<'c, 's> Posting<'c, 's> {
             tap: None,
             moves: 0,
             started: false,
-            digest: 0xcbf2_9ce4_8422_2325,
+            fingerprint: Fingerprint::default(),
         }
     }
 
@@ -215,7 +214,7 @@ impl<'c, 's> Posting<'c, 's> {
                 all.sort_by_key(|(_, number)| **number);
                 all.iter().map(|(name, _)| (*name).clone()).collect()
             },
-            digest: self.digest,
+            fingerprint: self.fingerprint,
             lines: self.sheet.lines(),
             ..self.found
         }
@@ -267,25 +266,26 @@ impl<'c, 's> Posting<'c, 's> {
         self.control.write(statement, &mut self.sheet)
     }
 
-    /// Takes what a statement makes the machine do into the digest.
+    /// Takes what a statement makes the machine do into the fingerprint; moves are taken in where they are told.
     fn mark(&mut self, statement: &Statement<'_>) {
-        struct Hashing(u64);
-        impl std::fmt::Write for Hashing {
-            fn write_str(&mut self, text: &str) -> std::fmt::Result {
-                for byte in text.bytes() {
-                    self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3);
-                }
-                Ok(())
-            }
-        }
-        let mut hashing = Hashing(self.digest);
-        let _ = match statement {
+        match statement {
             // What the register held before is the machine's.
-            Statement::Register(change) => write!(hashing, "{:?} {:?}", change.register, change.after),
-            Statement::Begin(_) | Statement::Comment(_) => Ok(()),
-            other => write!(hashing, "{other:?}"),
-        };
-        self.digest = hashing.0;
+            Statement::Register(change) => {
+                self.fingerprint.word(&change.register);
+                self.fingerprint.number(change.after.unwrap_or(f64::MIN));
+            }
+            Statement::Machine(to) => to.iter().flatten().for_each(|to| self.fingerprint.number(*to)),
+            Statement::Dwell(time) => self.fingerprint.number(*time),
+            Statement::Tool { .. }
+            | Statement::Offset { .. }
+            | Statement::Spindle(_)
+            | Statement::Coolant { .. }
+            | Statement::Work(_)
+            | Statement::PathMode(_)
+            | Statement::Stop(_)
+            | Statement::Message(_) => self.fingerprint.word(statement),
+            _ => {}
+        }
     }
 
     /// The head, once; `name` is the program's.

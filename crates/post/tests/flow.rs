@@ -79,3 +79,12 @@ fn what_depends_on_the_machine_is_refused() {
         "stands elsewhere",
     );
 }
+
+#[test]
+fn a_coordinate_between_two_increments_does_not_depend_on_the_machine() {
+    // Four decimals go to three: frames that are taken in and out round the last bits either way.
+    let program = "O1\nG21 G90 G54\nT1 M6\nS500 M3\nG0 X5.0005 Y6.0015\nG43 H1 Z10.0005\nG52 X0.1 Y0.1\nG1 X1.2345 F100.\nY2.3455\nG3 X3.2345 I1.\nG52 X0 Y0\nG0 Z50.\nM30\n";
+    for control in CONTROLS {
+        post_gcode(program, "fanuc-mill", control.name()).unwrap_or_else(|e| panic!("{e}"));
+    }
+}

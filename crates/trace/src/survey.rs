@@ -173,9 +173,7 @@ impl Survey {
                 );
                 self.say(Severity::Warning, "trace-unknown", text, &meant, step);
             }
-            // Along a path it ends with the path by itself.
-            Call::StartSensorRecording(_) if along_a_path => {}
-            Call::StartSensorRecording(recording) => self.start(Kind::Recording, &recording.id, step),
+            Call::StartSensorRecording(recording) if !along_a_path => self.start(Kind::Recording, &recording.id, step),
             Call::StopSensorRecording { id } => self.stop(Kind::Recording, id, step),
             Call::StartToolLogging { id } => self.start(Kind::Tools, id, step),
             Call::StopToolLogging { id } => self.stop(Kind::Tools, id, step),

@@ -27,6 +27,8 @@ const KEPT_LINES: usize = 256;
 pub enum TextOrder {
     /// For the machine's queue, in order.
     Command(Command),
+    /// `M1`: the mode selector is ignored from here on.
+    MachiningBegins,
     /// The mode that is asked for. It moves nothing.
     Mode(Mode),
     /// Jog feed, 0 to 255.
@@ -35,6 +37,20 @@ pub enum TextOrder {
     Spindle(SpindleCommand),
     /// Go home.
     Home,
+}
+
+impl TextOrder {
+    /// What is asked of the machine by it; `None` for a command, which goes into the queue.
+    pub fn request(self) -> Option<Request> {
+        match self {
+            TextOrder::Command(_) => None,
+            TextOrder::MachiningBegins => Some(Request::BeginMachining),
+            TextOrder::Mode(mode) => Some(Request::Mode(mode)),
+            TextOrder::JogFeed(feed) => Some(Request::JogFeed(feed)),
+            TextOrder::Spindle(spindle) => Some(Request::JogSpindle(spindle)),
+            TextOrder::Home => Some(Request::Home),
+        }
+    }
 }
 
 /// Why machining was given up.
@@ -327,6 +343,7 @@ impl TextReceiver {
         // What was said before is still to be done.
         self.begin_motion();
         (self.machining, self.given_up) = (true, false);
+        self.orders.push_back(TextOrder::MachiningBegins);
     }
 
     /// A controlled stop: nothing that came goes on.

@@ -284,16 +284,17 @@ impl Recordings {
 
     /// Ends what belongs to a scope.
     pub(super) fn end_scope(&mut self, scope: Scope, tick: Tick) -> Vec<Ended> {
-        let ends = |active: &Active| match scope {
-            Scope::Workplan(depth) => !active.wanted.along && active.depth >= depth,
-            Scope::Path => active.wanted.along,
-        };
         let why = match scope {
             Scope::Workplan(_) => "end of the workplan",
             Scope::Path => "end of the path",
         };
-        let (over, stay): (Vec<Active>, _) = std::mem::take(&mut self.active).into_iter().partition(ends);
+        let ends = |active: &Active| match scope {
+            Scope::Workplan(depth) => !active.wanted.along && active.depth >= depth,
+            Scope::Path => active.wanted.along,
+        };
+        let (over, stay) = std::mem::take(&mut self.active).into_iter().partition(ends);
         self.active = stay;
+        let over: Vec<Active> = over;
         over.into_iter()
             .map(|mut active| {
                 active.last = tick;

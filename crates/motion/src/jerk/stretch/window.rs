@@ -25,7 +25,7 @@ struct Look {
 const BESIDE: f64 = 1e-6;
 
 /// Shares of an interval at which it is looked at.
-const PLACES: [f64; 2] = [0.33, 0.67];
+const PLACES: [f64; 3] = [0.17, 0.5, 0.83];
 
 /// Stopping distances from the end of the grid within which nothing is planned for good: where the path bends the axes have less to brake
 /// with.
