@@ -36,8 +36,8 @@
 //! task, as [`machine::link::Follower::translated`] gives it.
 //!
 //! **Text protocol** ([`TextSender`], [`TextReceiver`]) in the same manner. Its realtime side is the machine's own queue: each
-//! [`TextOrder::Command`] into `half.push`, one that comes back is the next again; each request of [`TextReceiver::urgent`] into
-//! `half.request`; reports into [`TextReceiver::reported`]. There are no reports from the machine but a few lines
+//! [`TextOrder::Command`] into `half.push`, one that comes back is the next again; [`TextOrder::request`] of the others and each
+//! request of [`TextReceiver::urgent`] into `half.request`; reports into [`TextReceiver::reported`]. There are no reports from the machine but a few lines
 //! ([`machine::link::text::Told`]), so whoever wants a record keeps it at the controller.
 //!
 //! [`scaled`] makes stop tails and the way back onto the path; [`channel`] and [`world`] are the simulated wire and its faults.
