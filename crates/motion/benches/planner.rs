@@ -1,6 +1,6 @@
 //! Cycle times on the six reference paths, and on a spline, under a limit of jerk, beside the references and LinuxCNC: `cargo bench -p motion --bench planner`;
 //! with `-- --picture F.svg` speed, and acceleration and jerk of each axis, are drawn over time; `-- --blocks N` streams N blocks of 0.1 mm instead and prints
-//! the memory on the way.
+//! the memory on the way; `-- --slow` plans short chords at low feeds.
 //!
 //! Machine: 500 mm/s, 3000 mm/s^2, 50 000 mm/s^3 per axis, tolerance 0.01 mm. References, seconds: TOPP-RA (speed and acceleration only,
 //! exact path, so a lower bound without a limit of jerk); a sequential linear program under speed, acceleration and jerk over the exact
@@ -63,6 +63,9 @@ fn main() -> std::process::ExitCode {
     let blocks = std::env::args().skip_while(|a| a != "--blocks").nth(1);
     if let Some(blocks) = blocks.and_then(|n| n.parse().ok()) {
         return stream(blocks);
+    }
+    if std::env::args().any(|a| a == "--slow") {
+        return slow();
     }
     let picture = std::env::args().skip_while(|a| a != "--picture").nth(1);
     let tolerance = PathMode::Tolerance(Some(Millimetres(0.01)));
@@ -242,6 +245,52 @@ fn resident() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
     let pages: Option<f64> = stat.split(' ').nth(1).and_then(|n| n.parse().ok());
     pages.map_or(f64::NAN, |n| n * 4096.0 / 1e6)
+}
+
+/// Short chords at low feeds: how many blocks a second of the processor's time, and how many times faster than they are executed.
+fn slow() -> std::process::ExitCode {
+    println!(
+        "| path | feed | blocks | blocks/s | times real time | set-points/s | j of the limit |\n|---|---|---|---|---|---|---|"
+    );
+    let circle = |chord: f64| -> Vec<[f64; 3]> {
+        let at = |k: u32| (f64::from(k) * chord, f64::from(k) * chord * 0.01);
+        (0..4000).map(at).map(|(turn, z)| [turn.cos(), turn.sin(), z]).collect()
+    };
+    // Corners of any angle.
+    let corners = |chord: f64| -> Vec<[f64; 3]> {
+        let (mut at, mut turn) = ([0.0, 0.0, 0.0], 0.0f64);
+        (0..2000u32)
+            .map(|k| {
+                turn += f64::from(k.wrapping_mul(2_654_435_761) >> 16) * 1e-4;
+                at = [at[0] + chord * turn.cos(), at[1] + chord * turn.sin(), 0.0];
+                at
+            })
+            .collect()
+    };
+    for (name, feed, points) in [
+        ("circle, chords of 0.01", 6.0, circle(0.01)),
+        ("circle, chords of 0.01", 60.0, circle(0.01)),
+        ("circle, chords of 0.1", 60.0, circle(0.1)),
+        ("corners every 0.003", 60.0, corners(0.003)),
+        ("corners every 0.01", 60.0, corners(0.01)),
+        ("corners every 0.1", 60.0, corners(0.1)),
+        ("corners every 0.1", 600.0, corners(0.1)),
+    ] {
+        let steps = polyline(&points, feed, PathMode::Tolerance(Some(Millimetres(0.01))));
+        let began = processor_time();
+        let s = plan(program(steps), points[0], jerk_limited(0.01)).statistics;
+        let took = processor_time() - began;
+        let rates = [s.blocks as f64 / took, s.time.0 / took, s.samples as f64 / took];
+        println!(
+            "| {name} | {feed:.0} | {} | {:.0} | {:.0} | {:.0} | {:.3} |",
+            s.blocks,
+            rates[0],
+            rates[1],
+            rates[2],
+            s.worst_jerk_ratio.unwrap_or(0.0)
+        );
+    }
+    std::process::ExitCode::SUCCESS
 }
 
 /// A wavy surface of so many chords of 0.1 mm from a generator, in rows that turn without a corner.
