@@ -8,7 +8,7 @@ use crate::events::{self, Detail, detail};
 use crate::sink::RecordSink;
 use crate::source::{CommandSource, Output};
 use ledger::Chain;
-use machine::watch::{Firing, LoadError, Situation};
+use machine::watch::{Firing, LoadError, Situation, WatchOrder};
 use machine::{Command, Counters, FaultCause, Overrides, Report, Request, Sample, State, StopCause, Wait};
 use plan::{Alarm, Answer, Level, Place, Question, Step, StepKind};
 use serde_json::{Value, json};
@@ -114,6 +114,7 @@ pub struct OfficeHalf<'a, S> {
     counters: Counters,
     overrides: Overrides,
     lost_reports: u64,
+    begun_anew: u64,
     /// Cycles in the present waiting state.
     waited: u64,
     /// Cycles for which the axes have stood, and where.
@@ -202,6 +203,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             counters: Counters::default(),
             overrides: Overrides::default(),
             lost_reports: 0,
+            begun_anew: 0,
             waited: 0,
             stood: 0,
             stands_at: [0.0; 3],
@@ -258,11 +260,16 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
                 }
                 Output::Passed(step) => {
                     self.last_step = step.id;
+                    let mut after = self.commands;
                     if let Some(recorder) = &mut self.functions {
                         let orders = recorder.orders(&step);
                         self.take_orders(orders, step.id);
+                        // A condition is over when the machine has stopped it: until then it fires, behind a cut for a long time.
+                        if self.orders.iter().any(stops_a_condition) {
+                            after += self.orders.len() as u64;
+                        }
                     }
-                    self.pending.push_back((self.commands, Pending::Step(step)));
+                    self.pending.push_back((after, Pending::Step(step)));
                 }
                 Output::Ask(question) => self.asked = Some(question),
                 Output::End => {
@@ -356,6 +363,20 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         self.decide(report, sink)
     }
 
+    /// Times that the controller knew nothing of the run any more, in all: it was started again, or did something else in between. What it
+    /// had not told is lost, and nobody knows how much. Conditions and recordings wait until the machine goes on.
+    pub fn machine_begun_anew(&mut self, times: u64, sink: &mut dyn RecordSink) {
+        if times > self.begun_anew {
+            self.begun_anew = times;
+            let Sample { tick, step, .. } = self.last_sample;
+            if let Some(recorder) = &mut self.functions {
+                recorder.started_again(tick);
+            }
+            self.tell_functions(sink);
+            self.emit("controller-begun-anew", step, tick, Detail::new(), sink);
+        }
+    }
+
     /// Reports that were lost on the way, in all: a gap in the record is told.
     pub fn reports_lost(&mut self, lost: u64, now: Tick, sink: &mut dyn RecordSink) {
         if lost > self.lost_reports {
@@ -401,11 +422,12 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
 
     /// What the functions do in this cycle, and what they have to tell of it.
     fn do_functions(&mut self, report: &Report, sink: &mut dyn RecordSink) {
+        let over = self.is_all_done(report);
         let Some(recorder) = &mut self.functions else { return };
         for firing in self.firings.drain(..) {
             recorder.fired(&firing);
         }
-        recorder.state(report.state, report.sample.tick);
+        recorder.state(report.state, report.sample.tick, over);
         recorder.take_samples();
         self.tell_functions(sink);
     }
@@ -614,14 +636,19 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         }
     }
 
-    /// Whether the run is over, and what is asked of the machine.
-    fn decide(&mut self, report: &Report, sink: &mut dyn RecordSink) -> Option<Request> {
-        let all_done = self.source_over
+    /// True when there is nothing left of the program to do or to tell.
+    fn is_all_done(&self, report: &Report) -> bool {
+        self.source_over
             && self.waiting.is_none()
             && self.orders.is_empty()
             && self.to_load.is_none()
             && self.pending.is_empty()
-            && report.counters.completed == self.commands;
+            && report.counters.completed == self.commands
+    }
+
+    /// Whether the run is over, and what is asked of the machine.
+    fn decide(&mut self, report: &Report, sink: &mut dyn RecordSink) -> Option<Request> {
+        let all_done = self.is_all_done(report);
         let at_rest = stands(report);
         let mut request = None;
         let mut ended = None;
@@ -688,6 +715,16 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         }
         request
     }
+}
+
+fn stops_a_condition(command: &Command) -> bool {
+    matches!(
+        command,
+        Command::Watch {
+            order: WatchOrder::Stop(_),
+            ..
+        }
+    )
 }
 
 /// No axis is faster than the noise of its encoder: whether it really stands shows over time.
