@@ -238,6 +238,14 @@ impl<'a> Judge<'a> {
                 self.phase = phase;
             }
         }
+        // A controller that was started again stands where its encoders say, and the plan is held against that: near a rest a micrometre is
+        // a few cycles.
+        if report.orders.mode != machine::DriveMode::Follow && moves {
+            let (phase, beside) = self.locate(p);
+            if beside < TOLERANCE {
+                self.phase = self.phase.min(phase);
+            }
+        }
         let speed: [f64; 3] = match self.before {
             Some(b) if follows => std::array::from_fn(|k| (p[k] - b.sample.commanded[k]) / 0.001),
             _ => [f64::NAN; 3],
@@ -394,7 +402,7 @@ fn a_first_motion_that_nobody_knows_of_is_led_back_to_its_beginning_when_the_per
             (Some(Ended::Completed), 0, 0, 1, true)
         );
         assert!(
-            v.approaching > 100 && v.acceleration <= 1.1,
+            v.approaching > 100 && v.acceleration <= 1.05,
             "{} {}",
             v.approaching,
             v.acceleration
@@ -410,7 +418,7 @@ fn a_machine_on_the_path_of_a_first_motion_that_nobody_knows_of_goes_on_from_the
             (v.ended, v.left, v.beside, v.approaching, v.approaches, v.left_alone),
             (Some(Ended::Completed), 0, 0, 0, 0, 0)
         );
-        assert!(v.back <= 3.0 && v.skipped <= 10.0, "{} {}", v.back, v.skipped);
+        assert!(v.back <= 1.0 && v.skipped <= 10.0, "{} {}", v.back, v.skipped);
     }
 }
 
@@ -488,6 +496,59 @@ fn a_pause_before_the_first_motion_is_not_passed_over_because_of_where_the_machi
     assert!(phase == 0.0 && distance > 1.0, "{phase} {distance}");
 }
 
+#[test]
+fn the_way_back_onto_a_plan_that_uses_all_of_an_axis_asks_for_no_more_than_it_has() {
+    // Seeds 283, 249 and 317 of older soaks: led back between two set-points, where the plan brakes or speeds up with all that X has.
+    let cut = |at, ticks| LinkFault::Cut {
+        at: Tick(at),
+        ticks,
+        noticed: false,
+    };
+    let stall = |at, ticks| LinkFault::Stall { at: Tick(at), ticks };
+    let (at, ticks) = (Tick(545), 81);
+    for (seed, delay, faults) in [
+        (
+            283,
+            (1, 4),
+            vec![LinkFault::SenderKilled { at, ticks }, stall(2391, 541), cut(3063, 1598)],
+        ),
+        (
+            249,
+            (0, 4),
+            vec![
+                stall(2450, 289),
+                cut(2649, 1886),
+                LinkFault::LateTicks { at: Tick(664), count: 7 },
+            ],
+        ),
+        (317, (2, 4), vec![stall(2444, 719), stall(3776, 100)]),
+    ] {
+        let v = machined_of(&curved_program(), faults, seed, delay, false);
+        assert_eq!((v.ended, v.left, v.beside), (Some(Ended::Completed), 0, 0), "{seed}");
+        assert!(
+            v.acceleration <= 1.03 && v.back <= 1.0,
+            "{seed}: {} {}",
+            v.acceleration,
+            v.back
+        );
+    }
+}
+
+#[test]
+fn a_controller_that_was_started_again_at_rest_goes_back_by_nothing() {
+    // Seeds 264 and 954: it stands where its encoders say, a few micrometres before the end of a motion.
+    for (at, ticks) in [(3070, 263), (3038, 1908)] {
+        let fault = LinkFault::ControllerRestarted {
+            at: Tick(at),
+            ticks,
+            orderly: true,
+        };
+        let v = machined_of(&small_program(), vec![fault], 264, (0, 4), false);
+        assert_eq!((v.ended, v.left, v.beside), (Some(Ended::Completed), 0, 0));
+        assert!(v.back <= 1.0, "{}", v.back);
+    }
+}
+
 /// How many seeds: 100 in CI, more by `cargo xtask soak link`.
 fn seeds() -> Vec<u64> {
     let number = |name: &str| std::env::var(name).ok().and_then(|v| v.parse().ok());
@@ -546,8 +607,7 @@ fn a_hundred_seeds_of_link_faults_move_nothing_wrong_and_the_part_is_finished() 
         let faults = LinkFault::from_seed(seed, Tick(4000));
         let v = machined_of(program, faults.clone(), seed, (seed % 3, seed % 3 + seed % 5), tell);
         let whole = v.ended == Some(Ended::Completed) && v.left == 0;
-        // Late cycles are passed over, up to ten here. Near a rest a micrometre is a few cycles: a controller that was started anew stands
-        // where its encoders say.
+        // Late cycles are passed over, up to ten here.
         let in_order = v.skipped <= 10.0 && v.back <= 1.0;
         // The controller lets a change of its rate use 1.05 times the limit.
         let good = whole && in_order && v.beside == 0 && v.off_path_stops == 0 && v.acceleration <= 1.05;
