@@ -27,6 +27,8 @@ const SLOW: f64 = 2.0;
 
 /// Cycles for which the axes have to stand before a run is over.
 const SETTLING: u64 = 30;
+/// Cycles after which a person who asked for home asks again.
+const ASKS_AGAIN: u64 = 1_000;
 /// Cycles for which the person waits at a starved machine for set-points to come back: a minute.
 const PATIENCE: u64 = 60_000;
 
@@ -684,7 +686,8 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             State::Fault(cause) if at_rest => ended = Some(Ended::Fault(cause)),
             // Somebody who is there homes it; what was asked goes on then.
             State::NotHomed if at_rest => match self.operator.cycle_start_after {
-                Some(cycles) if self.waited == cycles => request = Some(Request::Home),
+                // The request may have been lost with a connection: a person presses the button again.
+                Some(cycles) if self.waited % (cycles + ASKS_AGAIN) == cycles => request = Some(Request::Home),
                 Some(_) => {}
                 None => ended = Some(Ended::NotHomed),
             },

@@ -322,6 +322,54 @@ fn nothing_is_lost_or_doubled_by_cuts_stalls_and_damage() {
     }
 }
 
+#[test]
+fn any_fault_while_conditions_are_loaded_loads_each_once() {
+    let text = watched();
+    let found = look(&text);
+    let mut cases = Vec::new();
+    for at in (0..6).map(Tick) {
+        for noticed in [true, false] {
+            cases.push((at, LinkFault::Cut { at, ticks: 400, noticed }));
+        }
+        for (to_machine, damage) in [Damage::Bit, Damage::Bytes, Damage::Twice, Damage::Missing, Damage::Swapped]
+            .into_iter()
+            .flat_map(|damage| [(true, damage), (false, damage)])
+        {
+            cases.push((at, LinkFault::Damaged { at, to_machine, damage }));
+        }
+        cases.push((at, LinkFault::Stall { at, ticks: 100 }));
+        cases.push((at, LinkFault::LateTicks { at, count: 5 }));
+        cases.push((at, LinkFault::SenderKilled { at, ticks: 100 }));
+        for orderly in [true, false] {
+            let ticks = 100;
+            cases.push((at, LinkFault::ControllerRestarted { at, ticks, orderly }));
+        }
+    }
+    for (seed, (at, fault)) in (1..).zip(cases) {
+        // Another one follows it.
+        let cut = LinkFault::Cut {
+            at: at + 150 + seed % 7,
+            ticks: 90,
+            noticed: true,
+        };
+        let what = format!("{fault:?}");
+        let config = LinkedConfig {
+            seed,
+            faults: vec![fault, cut],
+            delay: (seed % 2, 3),
+            batch: 10,
+            restarts: 3,
+            ..LinkedConfig::default()
+        };
+        let (ended, records, firings) = machined(config, &text, &found);
+        assert_eq!(ended, Ended::Completed, "{what}");
+        let held = exact(&records, 1, &what);
+        assert_eq!(held, made(&firings), "{what}");
+        assert!(held["2"] == 1 && held["4"] > 100, "{what}: {held:?}");
+        assert!(records.iter().all(|kept| errors(kept).is_empty()), "{what}");
+    }
+}
+
 fn errors(kept: &Kept) -> Vec<&ledger::Event> {
     kept.events.iter().filter(|e| e.detail.contains_key("error")).collect()
 }

@@ -94,11 +94,12 @@ impl LinkFault {
                     3 | 4 => LinkFault::Damaged {
                         at,
                         to_machine: up_to(4) > 0,
-                        damage: match up_to(4) {
+                        damage: match up_to(5) {
                             0 => Damage::Bit,
                             1 => Damage::Bytes,
                             2 => Damage::Twice,
-                            _ => Damage::Missing,
+                            3 => Damage::Missing,
+                            _ => Damage::Swapped,
                         },
                     },
                     5 => LinkFault::SenderKilled {
@@ -292,6 +293,11 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
     /// The office half, while it runs.
     pub fn office(&self) -> Option<&OfficeHalf<'static, S>> {
         self.office.as_ref().map(|o| &o.0)
+    }
+
+    /// The machine's last cycle, whoever heard of it.
+    pub fn reported(&self) -> Option<&Report> {
+        self.last.as_ref()
     }
 
     /// The receiver.
