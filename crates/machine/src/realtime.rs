@@ -109,6 +109,7 @@ impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
             match order {
                 WatchOrder::OperationBegins => self.readings.operation(now, true),
                 WatchOrder::OperationEnds => self.readings.operation(now, false),
+                WatchOrder::OperationUnderWay => self.readings.operation_under_way(now),
                 _ => {}
             }
             reaction = reaction.max(self.watches.obey(order));
