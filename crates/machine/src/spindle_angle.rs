@@ -120,10 +120,25 @@ mod tests {
         for n in 0..50 {
             let index = (n % 10 == 0).then(|| f64::from(n / 10) + 0.25);
             let turns = f64::from(n) * 0.1 + 0.25;
-            angle.take(&Feedback { spindle_index: index, ..reading(turns) }, 1);
+            angle.take(
+                &Feedback {
+                    spindle_index: index,
+                    ..reading(turns)
+                },
+                1,
+            );
         }
-        assert_eq!((angle.mark, angle.has_slipped, angle.misses_index()), (Some(0.25), false, false));
-        angle.take(&Feedback { spindle_index: Some(5.3), ..reading(5.25) }, 1);
+        assert_eq!(
+            (angle.mark, angle.has_slipped, angle.misses_index()),
+            (Some(0.25), false, false)
+        );
+        angle.take(
+            &Feedback {
+                spindle_index: Some(5.3),
+                ..reading(5.25)
+            },
+            1,
+        );
         assert!(angle.has_slipped);
     }
 }

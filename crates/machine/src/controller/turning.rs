@@ -17,6 +17,11 @@ const GAIN: f64 = 100.0;
 const STANDS: f64 = 0.05;
 /// How far a line may be off a straight one, mm.
 const STRAIGHT: f64 = 1e-3;
+/// How much softer and harder than usual the spindle may be slowed to stand where the stroke ends.
+const SOFTER: f64 = 0.7;
+const HARDER: f64 = 1.4;
+/// How long before its end a stroke is to turn round, turns: what a changing load adds to it goes past the end.
+const BEFORE_END: f64 = 0.05;
 /// Cycles that turning round is foreseen for at most: seconds.
 const LONGEST: u32 = 5000;
 
@@ -127,7 +132,8 @@ impl Controller {
         };
         // A run-in is about as long as it is behind.
         let stroke = ahead.path_at_end - self.path_here();
-        ahead.reaches_lead && stroke > 1.2 * behind + tie.lead * self.turns_to_stop(&tie, ahead, tie.revolutions, tie.revolutions)
+        ahead.reaches_lead
+            && stroke > 1.2 * behind + tie.lead * self.turns_to_stop(&tie, ahead, (tie.revolutions, 0.0), tie.revolutions)
     }
 
     /// Acceleration, turns/s^2, and its change, turns/s^3, with which the spindle is turned round.
@@ -148,12 +154,15 @@ impl Controller {
 
     /// How far the spindle turns until it stands, from when it is begun to be slowed, turns. It follows its command by its drive's time
     /// constant; what it is slower under load stays so.
-    fn turns_to_stop(&self, tie: &Tie, ahead: &Ahead, told: f64, speed: f64) -> f64 {
+    fn turns_to_stop(&self, tie: &Tie, ahead: &Ahead, told: (f64, f64), speed: f64) -> f64 {
         let (a, j) = self.reversal(tie, ahead.way);
         let goes_back = ahead.spindle.is_some() && ahead.dwell == 0;
         let target = if goes_back { -tie.revolutions } else { 0.0 };
-        let (mut command, mut change) = (told, 0.0);
-        let (mut follows, load) = (told, told - speed);
+        let (mut command, mut change) = told;
+        // It lags behind what it is told, and what is more than that is load.
+        let lag = change * self.parameters.spindle.response.0;
+        let mut follows = command - lag;
+        let load = follows - speed;
         let mut turns = 0.0;
         for _ in 0..LONGEST {
             change = follow((command, change), target, (-a, a), j, TICK.0);
@@ -184,9 +193,11 @@ impl Controller {
         let left = ahead.path_at_end - self.path_here();
         let speed = rotation * self.angle.speed;
         let told = (tie.revolutions, 0.0);
-        let needed = tie.lead * self.turns_to_stop(&tie, &ahead, told.0, speed);
+        let needed = tie.lead * self.turns_to_stop(&tie, &ahead, told, speed);
         let in_a_cycle = tie.speed() * TICK.0;
-        let leaves_lead = self.next_set_point().is_none_or(|next| !Self::is_at_lead(next.path_speed, &tie));
+        let leaves_lead = self
+            .next_set_point()
+            .is_none_or(|next| !Self::is_at_lead(next.path_speed, &tie));
         if stops && left < needed {
             // No room to stop with the spindle: the path is stopped on its own.
             return;
@@ -236,12 +247,18 @@ impl Controller {
         let speed = rotation * self.angle.speed;
         let left_by_angle = tie.lead * (turn.at_end - turns);
 
-        // The spindle.
+        // The spindle. It is to stand a little before the end: past it is worse.
+        let aim = left_by_angle - BEFORE_END * tie.lead;
         if !turn.slows {
-            let needed = tie.lead * self.turns_to_stop(&tie, &turn.ahead, turn.told.0, speed);
-            turn.slows = stops || left_by_angle <= needed + tie.speed() * time / 2.0;
+            let needed = tie.lead * self.turns_to_stop(&tie, &turn.ahead, turn.told, speed);
+            turn.slows = stops || aim <= needed + tie.speed() * time / 2.0;
         }
-        let (a, j) = self.reversal(&tie, turn.ahead.way);
+        let (mut a, j) = self.reversal(&tie, turn.ahead.way);
+        if turn.slows && !stops && turn.speed > 0.0 && aim > 0.0 {
+            // The load changes meanwhile: harder or softer, to stand where the stroke ends.
+            let needed = tie.lead * self.turns_to_stop(&tie, &turn.ahead, turn.told, speed);
+            a *= within(needed / aim, SOFTER, HARDER);
+        }
         let target = match turn.slows {
             false => tie.revolutions,
             true if stops || turn.ahead.dwell > 0 => 0.0,
@@ -346,7 +363,10 @@ impl Controller {
     /// From here on the plan of the way back is gone by again.
     fn leave_turn(&mut self, turn: &Turn, acceleration: [f64; 3]) -> [f64; 3] {
         let reached = turn.ahead.path_at_end + turn.left;
-        let (from, to) = (self.here.path_length, self.next_set_point().map_or(f64::INFINITY, |next| next.path_length));
+        let (from, to) = (
+            self.here.path_length,
+            self.next_set_point().map_or(f64::INFINITY, |next| next.path_length),
+        );
         self.fraction = within((reached - from) / (to - from), 0.0, 1.0 - 1e-9);
         self.rate = -turn.speed / self.here.path_speed;
         self.rate_change = -turn.acceleration / self.here.path_speed;
