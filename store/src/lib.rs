@@ -22,6 +22,7 @@ mod jobs;
 mod kept;
 pub mod machine_file;
 pub mod machine_told;
+pub mod register_file;
 pub mod observations;
 pub mod operators;
 mod people_verified;

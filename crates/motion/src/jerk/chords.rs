@@ -69,7 +69,7 @@ pub(super) fn of(piece: &Piece, corner: Corner) -> (Vec<Piece>, f64) {
             feed: piece.feed,
             feed_factors,
             rapid: piece.rapid,
-            locked: piece.locked,
+            tie: piece.tie,
             step: piece.step,
             corner: within,
         });
