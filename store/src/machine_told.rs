@@ -28,6 +28,8 @@ pub const DEFAULTS: &[(&str, &str)] = &[
     ("store.raw_days", "90"),
     ("store.quota_bytes", "no limit"),
     ("programs.edited_outside", "\"warn\""),
+    ("late_ticks_allowed", "5"),
+    ("late_ticks_made_up", "500"),
 ];
 
 impl MachineFile {

@@ -37,6 +37,14 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
         .check()
         .map_err(|e| Failure::unreadable(format_args!("{}: {e}", machine.name)))?;
     let stop = super::stopped_by_signals()?;
+    if args.until_stdin_ends {
+        let stop = Arc::clone(&stop);
+        std::thread::spawn(move || {
+            // Whatever is said there is for nobody.
+            let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+            stop.store(true, Relaxed);
+        });
+    }
     let ip: IpAddr = args.listen;
     let server = certificates::for_listening(ip, &machine.link)?;
     let listener = listen(args, &machine, ip)?;
@@ -63,6 +71,12 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
         (!text).then(Follower::new),
     );
     let _ = ends.at_once.push(AtOnce::Request(Request::PowerOn));
+    // Real drives go on while this computer is away; simulated ones wait.
+    let made_up = if quality == Quality::Simulated {
+        machine.late_ticks_made_up
+    } else {
+        0
+    };
     let (lateness, ended) = (Arc::new(Lateness::default()), Arc::new(AtomicBool::new(false)));
     let (to_privileges, privileges) = mpsc::channel();
     let realtime = std::thread::spawn({
@@ -70,18 +84,26 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
         move || {
             let taken = Privileges::take();
             let _ = to_privileges.send((taken.to_string(), taken.lacks(), taken.complete()));
-            every_cycle(&lateness, &ended, |tick| servo.cycle(tick));
+            every_cycle(&lateness, &ended, made_up.into(), |tick, late| servo.late_cycle(tick, late));
         }
     });
     let (has, lacks, complete) = privileges
         .recv()
         .expect("the realtime thread says what it has before anything else");
-    tell_start(&listener, &machine, (&has, &lacks, complete), common)?;
+    tell_start(&listener, &machine, (&has, &lacks, complete), made_up, common)?;
 
     let served = if text {
         let mut recording = match &args.record {
             None => None,
-            Some(folder) => Some(Recording::into(folder, &machine.name, quality == Quality::Simulated)?),
+            Some(folder) => {
+                let address = listener.local_addr().map(|a| format!("tcp://{a}")).unwrap_or_default();
+                Some(Recording::into(
+                    folder,
+                    &machine.name,
+                    &address,
+                    quality == Quality::Simulated,
+                )?)
+            }
         };
         let place = text_serving::Place {
             listener: &listener,
@@ -126,6 +148,7 @@ fn tell_start(
     listener: &TcpListener,
     machine: &MachineFile,
     (has, lacks, complete): (&str, &[String], bool),
+    made_up: u32,
     common: &Common,
 ) -> Result<(), Failure> {
     let address = listener
@@ -139,6 +162,8 @@ fn tell_start(
             "realtime": has,
             "punctual": complete,
             "lacks": lacks,
+            "late_ticks_made_up": made_up,
+            "late_ticks_allowed": machine.late_ticks_allowed,
         });
         say(&told.to_string());
     } else {
@@ -146,7 +171,26 @@ fn tell_start(
     }
     eprintln!("realtime task: {has}");
     lacks.iter().for_each(|line| eprintln!("warning: {line}"));
+    let without = if complete {
+        ""
+    } else {
+        "without these rights cycles come late more often; "
+    };
+    eprintln!("{without}{}", late_cycles(made_up, machine.late_ticks_allowed));
     Ok(())
+}
+
+/// What becomes of late cycles, for a person.
+fn late_cycles(made_up: u32, allowed: u32) -> String {
+    if made_up == 0 {
+        return format!(
+            "up to {allowed} late cycles in a row are tolerated (late_ticks_allowed of the machine file), after more comes a controlled stop"
+        );
+    }
+    format!(
+        "up to {made_up} late cycles in a row are tolerated, because simulated drives wait for them (late_ticks_made_up of the machine file); \
+         after more comes a controlled stop, and all are counted"
+    )
 }
 
 fn tell_end(served: &Served, lateness: &Lateness, common: &Common) -> Result<(), Failure> {

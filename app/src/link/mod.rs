@@ -4,6 +4,7 @@
 
 pub mod address;
 pub mod certificates;
+pub mod driven;
 pub mod driving;
 pub mod remote;
 pub mod socket;

@@ -33,18 +33,27 @@ pub const REPORTS: usize = 2048;
 pub const FIRINGS: usize = 4096;
 
 /// Cycle after cycle until `stop`: sleeps until the beginning of each by the monotonic clock, counts how late it was, and calls `cycle`
-/// with its number. After lost cycles the numbers go on by the clock.
-pub fn every_cycle(lateness: &Lateness, stop: &AtomicBool, mut cycle: impl FnMut(Tick)) {
+/// with its number and with how many before it are made up for.
+///
+/// After lost cycles the numbers go on by the clock: real drives went on meanwhile. Simulated ones stand still when their computer is away,
+/// so up to `made_up` lost cycles in a row are run then, one after another, and the motion is what it would have been.
+pub fn every_cycle(lateness: &Lateness, stop: &AtomicBool, made_up: u64, mut cycle: impl FnMut(Tick, u64)) {
     let began = clock::now();
     let mut tick = 0u64;
     while !stop.load(Relaxed) {
-        cycle(Tick(tick));
+        cycle(Tick(tick), 0);
         tick += 1;
         let due = began + Duration::from_millis(tick);
         clock::sleep_until(due);
         let late = clock::now().saturating_sub(due);
         lateness.add(late);
-        tick += u64::try_from(late.as_nanos() / PERIOD.as_nanos()).unwrap_or(0);
+        let lost = u64::try_from(late.as_nanos() / PERIOD.as_nanos()).unwrap_or(0);
+        if lost <= made_up {
+            for k in 0..lost {
+                cycle(Tick(tick + k), if k == 0 { lost } else { 0 });
+            }
+        }
+        tick += lost;
     }
 }
 
@@ -132,7 +141,13 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
         (servo, ends)
     }
 
-    /// One servo cycle. No allocation, no lock, no call of the system.
+    /// One servo cycle, and how many come too late from this one on. No allocation, no lock, no call of the system.
+    pub fn late_cycle(&mut self, now: Tick, late: u64) {
+        self.half.count_late(late);
+        self.cycle(now);
+    }
+
+    /// One servo cycle.
     pub fn cycle(&mut self, now: Tick) {
         while let Ok(at_once) = self.at_once.pop() {
             match (at_once, &mut self.follower) {
@@ -253,7 +268,7 @@ mod tests {
     fn cycles_are_numbered_by_the_clock_and_every_one_is_counted() {
         let (lateness, stop) = (Lateness::default(), AtomicBool::new(false));
         let mut seen = Vec::new();
-        every_cycle(&lateness, &stop, |tick| {
+        every_cycle(&lateness, &stop, 0, |tick, _| {
             if seen.len() == 3 {
                 // Four cycles and a half are lost here: the number of the next is later by at least so many.
                 std::thread::sleep(Duration::from_micros(4_500));
@@ -267,6 +282,50 @@ mod tests {
         assert!(seen.windows(2).all(|pair| pair[0] < pair[1]), "{seen:?}");
         assert!(seen[4] >= seen[3] + 4, "{seen:?}");
         assert!(lateness.summary().missed >= 1);
+    }
+
+    #[test]
+    fn simulated_drives_wait_for_cycles_that_come_late_and_those_are_counted() {
+        let (lateness, stop) = (Lateness::default(), AtomicBool::new(false));
+        let (mut servo, mut ends) = servo();
+        let mut seen = Vec::new();
+        every_cycle(&lateness, &stop, 500, |tick, late| {
+            if seen.len() == 3 {
+                std::thread::sleep(Duration::from_micros(9_500));
+            }
+            servo.late_cycle(tick, late);
+            seen.push(tick.0);
+            if seen.len() == 40 {
+                stop.store(true, Relaxed);
+            }
+        });
+        assert!(
+            seen.windows(2).all(|pair| pair[0] + 1 == pair[1]),
+            "none is passed over: {seen:?}"
+        );
+        let mut last = None;
+        while let Ok(told) = ends.told.pop() {
+            last = Some(told.report.counters);
+        }
+        let last = last.expect("a report each cycle");
+        assert!(last.late_ticks >= 8 && last.late_gaps >= 1, "{last:?}");
+    }
+
+    #[test]
+    fn who_is_away_for_longer_finds_the_numbers_of_the_clock() {
+        let (lateness, stop) = (Lateness::default(), AtomicBool::new(false));
+        let mut seen = Vec::new();
+        every_cycle(&lateness, &stop, 5, |tick, late| {
+            assert!(late <= 5, "{late}");
+            if seen.len() == 3 {
+                std::thread::sleep(Duration::from_micros(9_500));
+            }
+            seen.push(tick.0);
+            if seen.len() == 10 {
+                stop.store(true, Relaxed);
+            }
+        });
+        assert!(seen[4] >= seen[3] + 9, "{seen:?}");
     }
 
     #[test]

@@ -150,6 +150,8 @@ pub struct TextSender {
     /// Since when lines are counted, and how many went out.
     clock: Option<Tick>,
     lines: u64,
+    /// How many went out in all.
+    all_lines: u64,
     pushed: bool,
     pushed_at: Tick,
     reader: ToldReader,
@@ -182,6 +184,7 @@ impl TextSender {
             stop_asked: false,
             clock: None,
             lines: 0,
+            all_lines: 0,
             pushed: false,
             pushed_at: Tick(0),
             reader: ToldReader::new(),
@@ -241,7 +244,7 @@ impl TextSender {
 
     /// Movement lines that went out.
     pub fn lines(&self) -> u64 {
-        self.lines
+        self.all_lines
     }
 
     /// Commands of the plan that went out.
@@ -456,6 +459,7 @@ impl TextSender {
     fn movement(&mut self, now: Tick, speeds: [i16; 3], place: [i32; 3], out: &mut Vec<u8>) {
         self.clock.get_or_insert(now);
         self.lines += 1;
+        self.all_lines += 1;
         let axes = std::array::from_fn(|k| Movement {
             speed: speeds[k],
             position: place[k],
