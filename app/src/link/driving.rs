@@ -2,6 +2,7 @@
 
 pub use super::driven::Driven;
 use super::driven::{OnLink, Watched};
+use super::own_count::OwnCount;
 use super::remote::{Heard, Remote};
 use crate::failure::Failure;
 use crate::progress::Progress;
@@ -141,7 +142,7 @@ pub fn run<S: CommandSource, K: RecordSink>(
     let mut seen = Seen::new(sink);
     office.tell("job-started", Tick(0), started, &mut seen);
     let mut progress = Progress::new("running");
-    let mut first: Option<Report> = None;
+    let mut own = OwnCount::default();
     let mut now = Tick(0);
     let mut stop_asked = false;
     let mut kept_at = 0;
@@ -160,13 +161,12 @@ pub fn run<S: CommandSource, K: RecordSink>(
         let mut wait = LOOK;
         while let Some(Heard { report, firings }) = remote.report(wait)? {
             wait = Duration::ZERO;
-            let base = *first.get_or_insert(report);
-            let report = since(&base, report);
+            let report = own.report(report, Instant::now());
             now = report.sample.tick;
             seen.report(&report, remote.status().0.ahead);
             (drive.watch)(&report);
             for firing in firings {
-                let tick = Tick(firing.tick.0.saturating_sub(base.sample.tick.0));
+                let tick = own.tick(firing.tick);
                 office.fired(Firing { tick, ..firing });
             }
             if let Some(request) = office.receive(&report, None, &mut seen) {
@@ -227,43 +227,6 @@ pub fn run<S: CommandSource, K: RecordSink>(
             return Ok((outcome, seen.watched.driven(&seen.counters, on)));
         }
     }
-}
-
-/// A cycle as a run counts it: its own first cycle is 0, and what was counted before it is not its own.
-fn since(base: &Report, mut report: Report) -> Report {
-    report.sample.tick = Tick(report.sample.tick.0.saturating_sub(base.sample.tick.0));
-    let (now, before) = (&mut report.counters, &base.counters);
-    // `completed` is the link's own account of this plan.
-    let Counters {
-        accepted,
-        discarded,
-        late_ticks,
-        late_gaps,
-        starved_ticks,
-        starvations,
-        off_path_stops,
-        bridged_readings,
-        following_warnings,
-        in_position_time_outs,
-        spindle_limited,
-        ..
-    } = now;
-    for (now, before) in [
-        (accepted, before.accepted),
-        (discarded, before.discarded),
-        (late_ticks, before.late_ticks),
-        (late_gaps, before.late_gaps),
-        (starved_ticks, before.starved_ticks),
-        (starvations, before.starvations),
-        (off_path_stops, before.off_path_stops),
-        (bridged_readings, before.bridged_readings),
-        (following_warnings, before.following_warnings),
-        (in_position_time_outs, before.in_position_time_outs),
-        (spindle_limited, before.spindle_limited),
-    ] {
-        *now = now.saturating_sub(before);
-    }
-    report
 }
 
 /// The caller's sink, with the run looking on.

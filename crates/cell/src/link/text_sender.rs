@@ -149,9 +149,9 @@ pub struct TextSender {
     stop_asked: bool,
     /// Since when lines are counted, and how many went out.
     clock: Option<Tick>,
-    lines: u64,
+    counted: u64,
     /// How many went out in all.
-    all_lines: u64,
+    lines: u64,
     pushed: bool,
     pushed_at: Tick,
     reader: ToldReader,
@@ -183,8 +183,8 @@ impl TextSender {
             paused: false,
             stop_asked: false,
             clock: None,
+            counted: 0,
             lines: 0,
-            all_lines: 0,
             pushed: false,
             pushed_at: Tick(0),
             reader: ToldReader::new(),
@@ -244,7 +244,7 @@ impl TextSender {
 
     /// Movement lines that went out.
     pub fn lines(&self) -> u64 {
-        self.all_lines
+        self.lines
     }
 
     /// Commands of the plan that went out.
@@ -345,7 +345,7 @@ impl TextSender {
 
     fn may_send(&self, now: Tick) -> bool {
         self.clock
-            .is_none_or(|clock| self.lines < now.0.saturating_sub(clock.0) + LINES_AHEAD)
+            .is_none_or(|clock| self.counted < now.0.saturating_sub(clock.0) + LINES_AHEAD)
     }
 
     fn say(&mut self, now: Tick, command: Command, out: &mut Vec<u8>) -> Result<(), TextRefusal> {
@@ -420,7 +420,7 @@ impl TextSender {
         }
         if waits {
             // How long the machine takes for it, nobody tells: lines are counted anew.
-            (self.clock, self.lines) = (None, 0);
+            (self.clock, self.counted) = (None, 0);
         }
     }
 
@@ -458,8 +458,8 @@ impl TextSender {
 
     fn movement(&mut self, now: Tick, speeds: [i16; 3], place: [i32; 3], out: &mut Vec<u8>) {
         self.clock.get_or_insert(now);
+        self.counted += 1;
         self.lines += 1;
-        self.all_lines += 1;
         let axes = std::array::from_fn(|k| Movement {
             speed: speeds[k],
             position: place[k],
