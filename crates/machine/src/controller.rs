@@ -99,7 +99,7 @@ pub struct Counters {
     pub completed: u64,
     /// Commands thrown away by a reset.
     pub discarded: u64,
-    /// Servo cycles that did not take place.
+    /// Servo cycles that did not take place in time.
     pub late_ticks: u64,
     /// Times that happened.
     pub late_gaps: u64,
@@ -360,6 +360,15 @@ impl Controller {
     /// What a person is to be told since this was asked last.
     pub fn take_notices(&mut self) -> Notices {
         core::mem::take(&mut self.notices)
+    }
+
+    /// Counts cycles that come too late, one after another, on drives that have waited for them: simulated ones. No time was lost to the
+    /// motion, and none is passed over.
+    pub fn count_late(&mut self, cycles: u64) {
+        if cycles > 0 {
+            self.counters.late_ticks += cycles;
+            self.counters.late_gaps += 1;
+        }
     }
 
     /// One servo cycle: `feedback` was measured at its beginning, the orders are for its duration.
