@@ -23,12 +23,12 @@ const ALLOWED: &[&str] = &[
     "BSL-1.0",
 ];
 
-/// The long runs: name, package, file of tests, test name filter, environment variable of the count, and the full count.
+/// The long runs: name, package, file of tests or a pattern of such, test name filter, environment variable of the count, and the full count.
 const SOAKS: &[(&str, &str, &str, &str, &str, u64)] = &[
     (
         "world",
         "cell",
-        "world",
+        "*",
         "a_hundred_seeds_of_faults_break_nothing",
         "SEEDS",
         10_000,
