@@ -95,7 +95,8 @@ impl<'a> Judge<'a> {
                 0.0
             };
             let u = u.clamp(0.0, 1.0);
-            let beside = (0..3).map(|k| (t[k] - u * d[k]).powi(2)).sum::<f64>().sqrt();
+            let off: [f64; 3] = std::array::from_fn(|k| t[k] - u * d[k]);
+            let beside = off.iter().map(|x| x * x).sum::<f64>().sqrt();
             if beside < best.1 - 1e-9 {
                 best = (n as f64 + u, beside);
             }
