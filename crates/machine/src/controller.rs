@@ -327,7 +327,13 @@ impl Controller {
             Request::PowerOff => self.happen(Event::PowerOff),
             Request::CycleStart => self.happen(Event::CycleStart),
             Request::Hold => self.happen(Event::Hold),
-            Request::Stop => self.happen(Event::Stop(StopCause::Asked)),
+            Request::Stop => {
+                if matches!(self.state, State::Ready | State::NotHomed) {
+                    // Nothing moves that a stop could end, but what a person turned on by hand.
+                    (self.spindle, self.coolant) = (SpindleCommand::Stop, CoolantOutlets::default());
+                }
+                self.happen(Event::Stop(StopCause::Asked));
+            }
             // Nothing is acknowledged while something still moves.
             Request::Reset if self.last_velocity.iter().all(|v| v.abs() < STANDSTILL) => self.happen(Event::Reset),
             Request::Reset => {}

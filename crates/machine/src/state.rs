@@ -266,7 +266,7 @@ pub fn next_state(state: State, event: Event) -> State {
         (NotHomed, Event::ReferencesKnown) => Ready,
         (NotHomed | Ready | Homing { .. }, Event::Homing { axis, stage }) => Homing { axis, stage },
         (Homing { .. }, Event::AtHome) => NotHomed,
-        (Homing { .. }, Event::Hold) => Stopping(StopCause::Asked),
+        (Homing { .. } | Jogging { .. }, Event::Hold) => Stopping(StopCause::Asked),
         (NotHomed | Ready, Event::Jog { axis }) => Jogging { axis },
         (Jogging { .. }, Event::AtRest) => NotHomed,
 
