@@ -33,7 +33,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use stepnc::{Program, StepNcStream, StreamOptions};
 use store::{MachineFile, MachineKind};
-use units::{Millimetres, Point, Timestamp};
+use units::{Machine, Millimetres, Point, Timestamp};
 
 /// p99 with SCHED_FIFO, microseconds (DESIGN section 9).
 const BUDGET_US: f64 = 50.0;
@@ -121,7 +121,7 @@ fn our_loop(seconds: u64) -> Result<bool, Box<dyn Error>> {
                 tolerance: Millimetres(0.01),
             };
             let mut office = OfficeHalf::new(
-                Trajectory::new(stream(&program), position, limits),
+                Trajectory::new(stream(&program, position), position, limits),
                 Operator::default(),
                 Timestamp(0),
                 Chain::default(),
@@ -191,9 +191,11 @@ fn corpus() -> std::path::PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../corpus").join(PROGRAM)
 }
 
-fn stream(program: &Arc<Program>) -> Box<StepNcStream> {
+/// The next part begins where the last one left the machine.
+fn stream(program: &Arc<Program>, position: Point<Machine>) -> Box<StepNcStream> {
     let file = MachineFile::simulated(MachineKind::Mill);
-    let tables = store::registers::tables(&file, &Default::default()).expect("the built-in machine has good offsets");
+    let mut tables = store::registers::tables(&file, &Default::default()).expect("the built-in machine has good offsets");
+    tables.position = position;
     Box::new(StepNcStream::new(
         Arc::clone(program),
         StreamOptions {

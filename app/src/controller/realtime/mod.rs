@@ -24,8 +24,8 @@ use units::Tick;
 /// One servo cycle.
 pub const PERIOD: Duration = Duration::from_millis(1);
 /// So long before its time a cycle's sleep ends, and what is left is waited for awake: a kernel without realtime patches, on a processor that
-/// somebody else works on, is that late in 99 of 100 cases. It costs a processor a twentieth of its time.
-const AWAKE_BEFORE: Duration = Duration::from_micros(80);
+/// somebody else works on, is no later than that in 98 of 100 cases. It costs a processor a fifteenth of its time.
+const AWAKE_BEFORE: Duration = Duration::from_micros(100);
 /// Commands that wait in the ring at most. The controller's own queue stands behind it.
 pub const COMMANDS: usize = 256;
 /// Requests that wait at most: a person is slower than a cycle.
