@@ -150,6 +150,8 @@ pub struct Controller {
     /// What was given to the drives.
     commanded: [f64; 3],
     commanded_velocity: [f64; 3],
+    /// Its last three places, the newest first.
+    trail: [[f64; 3]; 3],
     path_speed: f64,
     step: StepId,
     workingstep: WorkingstepId,
@@ -218,6 +220,7 @@ impl Controller {
             astray: false,
             commanded: [0.0; 3],
             commanded_velocity: [0.0; 3],
+            trail: [[0.0; 3]; 3],
             path_speed: 0.0,
             step: StepId::NONE,
             workingstep: WorkingstepId(0),

@@ -180,10 +180,6 @@ impl Bench {
         self
     }
 
-    fn state(&self) -> State {
-        self.half.controller().state()
-    }
-
     /// The state once the axes stand by themselves.
     fn comes_to(&mut self, longest: u64, state: State) -> Row {
         self.run_until(longest, &format!("{state:?}"), |r| r.report.state == state)
