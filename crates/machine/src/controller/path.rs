@@ -23,6 +23,12 @@ impl Controller {
         if self.astray {
             return self.brake_astray();
         }
+        if self.here.tie.is_some() && self.thread.turn.is_none() {
+            self.see_turn(&self.planned());
+        }
+        if let Some(turn) = self.thread.turn.take() {
+            return self.turn_round(turn, cycles);
+        }
         let before = self.choose_rate();
         // From a rest the drives get the feed-forward of the first set-point in the cycle before it, as of every other.
         let at_rest = core::mem::take(&mut self.standing) && self.fraction == 0.0 && is_rest(&self.here);
@@ -32,7 +38,9 @@ impl Controller {
         self.fraction += if begins {
             self.rate * whole
         } else {
-            (before + self.rate) / 2.0 + self.rate * (whole - 1.0)
+            // A thread begins by the angle of its spindle, within a cycle.
+            let early = core::mem::take(&mut self.thread.early);
+            ((before + self.rate) / 2.0 + self.rate * (whole - 1.0) + early).max(0.0)
         };
         self.consume();
         if self.fraction > 0.0 && !self.resting(&self.here) && self.next_set_point().is_none() {
@@ -106,6 +114,11 @@ impl Controller {
                         return;
                     }
                     self.counters.completed += 1;
+                    // A thread is begun by the angle of its spindle, however fast the axes got here.
+                    if is_rest(&self.here) && self.next_set_point().is_some_and(SetPoint::is_locked) {
+                        self.fraction = 0.0;
+                        return;
+                    }
                 }
                 Some(command) if needs_rest(&command) => {
                     self.fraction = 0.0;

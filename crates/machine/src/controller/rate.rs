@@ -16,6 +16,8 @@ const SAME_RATE: f64 = 1e-6;
 const BENDS_AHEAD: usize = 24;
 /// Part of the axes' jerk with which a change of the rate is begun and taken back; the rest is for the bends of the plan.
 const JERK_SHARE: f64 = 0.6;
+/// A spindle that is faster than planned is followed up to this.
+const MOST_RATE: f64 = 1.3;
 /// What is tried, from the fastest change (0) towards taking it back (1).
 const TRIED: [f64; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, 0.95];
 /// Times the limits of acceleration and jerk of an axis that a change of the rate may use, by differences of the commanded places. The third
@@ -43,10 +45,16 @@ impl Controller {
         self.counters.starved_ticks += u64::from(slowed);
         self.counters.starvations += u64::from(slowed && !self.starving);
         self.starving = slowed;
+        let tie = self.next_set_point().and_then(|next| next.tie);
+        self.highest_rate = if tie.is_some() { self.possible_rate() } else { 1.0 };
+        let wanted = match tie {
+            Some(tie) => self.thread_rate(tie, &planned, self.highest_rate),
+            None => self.wanted_rate(),
+        };
         let target = match self.state {
-            State::Running if !starved => self.wanted_rate(),
+            State::Running if !starved => wanted,
             // A hold waits for the end of a thread; a stop does not.
-            State::Holding if !short && self.is_threading() => self.wanted_rate(),
+            State::Holding if !short && self.is_threading() => wanted,
             _ => 0.0,
         };
         // At rest any rate is as good as another: nothing jumps.
@@ -64,10 +72,32 @@ impl Controller {
         (self.rate, self.rate_change) = match after {
             _ if (after - target).abs() <= SAME_RATE => (target, 0.0),
             ..0.0 => (0.0, 0.0),
-            1.0.. => (1.0, 0.0),
+            _ if after >= self.highest_rate => (self.highest_rate, 0.0),
             _ => (after, change),
         };
         before
+    }
+
+    /// The highest rate at which the plan ahead keeps the limits of the axes; at least that at which it was made.
+    fn possible_rate(&self) -> f64 {
+        let mut rate = MOST_RATE;
+        let mut before = &self.here;
+        let ahead = (0..BENDS_AHEAD).map_while(|index| self.queue.get(index));
+        let set_points = ahead.filter_map(|command| match command {
+            Command::SetPoint(s) => Some(s),
+            _ => None,
+        });
+        for s in set_points {
+            for (k, axis) in self.parameters.axes.iter().enumerate() {
+                let jerk = (s.acceleration[k] - before.acceleration[k]).abs() / TICK.0;
+                rate = rate
+                    .min(axis.v_max.0 / s.velocity[k].abs())
+                    .min(libm::sqrt(MOST_ACCELERATION * axis.a_max.0 / s.acceleration[k].abs()))
+                    .min(libm::cbrt(MOST_JERK * axis.j_max.0 / jerk));
+            }
+            before = s;
+        }
+        rate.max(1.0)
     }
 
     /// Keeps the last three places that were commanded, the newest first.
@@ -150,7 +180,7 @@ impl Controller {
             return worst;
         };
         while worst <= most && behind <= BEHIND {
-            let after = (rate + change * TICK.0).clamp(0.0, 1.0);
+            let after = (rate + change * TICK.0).clamp(0.0, self.highest_rate.max(self.rate));
             at += (rate + after) / 2.0;
             while at >= 1.0 {
                 at -= 1.0;
@@ -177,8 +207,8 @@ impl Controller {
                 }
             }
             trail = [planned.position, trail[0], trail[1]];
-            // The rate ends at 0 and at 1, whatever it changes by.
-            let ends = after == 0.0 || after == 1.0;
+            // The rate ends at 0 and at its highest, whatever it changes by.
+            let ends = after == 0.0 || after == self.highest_rate;
             rate = after;
             change = if ends { 0.0 } else { taken_back(change, jerk) };
             behind += u32::from(change == 0.0);
@@ -202,7 +232,7 @@ impl Controller {
     }
 
     /// Queued commands that may be executed.
-    fn ahead(&self) -> usize {
+    pub(super) fn ahead(&self) -> usize {
         self.barrier.map_or(self.queue.len(), |(index, _)| index)
     }
 

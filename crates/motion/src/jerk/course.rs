@@ -522,7 +522,7 @@ impl Course {
 
 /// True when two moves that follow each other can be passed without a rest.
 pub(super) fn is_passable(last: &Piece, next: &Piece) -> bool {
-    if last.corner == Corner::Stop || last.rapid != next.rapid {
+    if last.corner == Corner::Stop || last.rapid != next.rapid || !next.goes_on_from(last) {
         return false;
     }
     let tangents = [last.path.derivatives(1.0).0, next.path.derivatives(0.0).0];

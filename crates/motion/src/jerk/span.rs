@@ -105,7 +105,7 @@ impl Span {
             shape,
             feed: piece.feed,
             factors: piece.feed_factors.clone(),
-            locked: piece.locked || piece.rapid,
+            locked: piece.tie.is_some() || piece.rapid,
             tolerance: piece.corner.tolerance(),
             step: piece.step,
         }

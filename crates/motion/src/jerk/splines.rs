@@ -395,7 +395,7 @@ impl Fitting<'_> {
             corner: self.within,
             feed: self.piece.feed,
             rapid: self.piece.rapid,
-            locked: self.piece.locked,
+            tie: self.piece.tie,
             step: self.piece.step,
         };
         let onset = if goes_on { Onset::Smooth } else { Onset::Inside };
