@@ -507,11 +507,11 @@ impl Search {
                 for lane in 0..2 {
                     let at = 2 * k + lane;
                     let shrinks = growth[at] * over[at];
-                    nearest[lane] = nearest[lane].max(-shrinks);
+                    nearest[lane] = larger(nearest[lane], -shrinks);
                     // Its change over itself.
                     let price = prices[at];
                     let change = (price - barrier * over[at]) + price * shrinks;
-                    price_nearest[lane] = price_nearest[lane].max(change / price);
+                    price_nearest[lane] = larger(price_nearest[lane], change / price);
                 }
             }
         }
@@ -529,4 +529,10 @@ impl Search {
             }
         }
     }
+}
+
+/// The larger of two numbers, the first one beside what is none: one instruction, where [`f64::max`] is three.
+#[inline(always)]
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a { b } else { a }
 }
