@@ -1,4 +1,8 @@
 //! Splines under a limit of jerk are kept as what they are: within a micrometre, whatever the tolerance, and as fast as they can be.
+#![allow(
+    clippy::disallowed_methods,
+    reason = "the curves of tests need no last digit, and tests may square a number"
+)]
 
 mod support;
 

@@ -1,5 +1,9 @@
 //! Paths that somebody who doubts the planner would try, under a limit of jerk: limits within 0.1 %, the deviation within the tolerance as
 //! measured from the outside, the last point exact, and the time against what is possible.
+#![allow(
+    clippy::disallowed_methods,
+    reason = "the curves of tests need no last digit, and tests may square a number"
+)]
 
 mod support;
 
