@@ -244,7 +244,7 @@ impl LinkSender {
     pub fn status(&self) -> SenderStatus {
         SenderStatus {
             linked: self.line == Line::Linked,
-            waits_for_start: !self.streaming && !self.first_begin,
+            waits_for_start: !self.streaming && !self.first_begin && !self.stock.is_over(),
             displaced: self.displaced,
             done: self.stock.count_done(),
             path_length: self.status.path_length,

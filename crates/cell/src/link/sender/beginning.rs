@@ -12,6 +12,11 @@ impl LinkSender {
             }
             return;
         }
+        if self.stock.is_over() {
+            // There is nothing to go on with: spindle and coolant of a program that is over are not brought about again.
+            self.start_asked = false;
+            return;
+        }
         let Some(report) = self.last.filter(|_| self.start_asked || self.first_begin) else {
             return;
         };
