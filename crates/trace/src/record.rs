@@ -11,16 +11,16 @@ mod recording;
 
 pub use recording::{Row, Stream};
 
-use crate::compile::{Compiled, compile, signal_of, signal_of_predefined};
+use crate::compile::{Compiled, compile, signal_of, signal_of_predefined, unit_of};
 use crate::functions::{Alarm, Call, Coolant, Frequency, Reaction, ResetBy, SynchronizedAction, TraceId};
 use crate::sensor::{Meaning, Sensor, meaning};
-use crate::survey::{ALONG, Found, lines, wanted};
+use crate::survey::{ALONG, Found, is_of_the_machine, lines, wanted};
 use crate::{Function, parse};
 use context::Context;
 use machine::watch::{AlarmOrder, Firing, Readings, SIGNALS, Situation, WatchOrder};
 use machine::{MachineParameters, Quality, Sample, State, StopCause};
 use plan::{RawNcFunction, Step, StepKind, Value as PlanValue};
-use recording::{Ended, Recordings};
+use recording::{Ended, Recordings, Seen};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use units::{StepId, TICK, Tick, Timestamp};
@@ -38,6 +38,9 @@ pub struct Told {
 
 /// The kind of the events that are records of functions.
 pub const EVENT: &str = "trace";
+
+/// A record that no function of the program asked for has this member: when it is made.
+pub const BY_ITSELF: &str = "by_itself";
 
 /// Events of one synchronized action in a second at most; more are counted.
 const EVENTS_A_SECOND: u32 = 10;
@@ -87,6 +90,8 @@ pub struct Recorder {
     waits: bool,
     told: Vec<Told>,
     state: State,
+    /// The first cycle was heard of.
+    opened: bool,
 }
 
 /// A synchronized action that was started.
@@ -148,6 +153,7 @@ impl Recorder {
             waits: false,
             told: Vec::new(),
             state: State::Off,
+            opened: false,
         }
     }
 
@@ -209,8 +215,8 @@ impl Recorder {
         if let Some(scope) = ended {
             let over = self.recordings.end_scope(scope, tick);
             self.tell_ended(over, step.id);
-            if matches!(scope, context::Scope::Workplan(_)) && self.context.level_ends(scope) {
-                self.level = None;
+            if let Some(outer) = self.context.level_returns(scope) {
+                self.level = outer;
             }
         }
         if let StepKind::NcFunction(raw) = &step.kind {
@@ -224,9 +230,24 @@ impl Recorder {
         self.before = Some(self.sample);
         self.sample = *sample;
         self.context.cycle(sample, &self.parameters);
+        if !self.opened {
+            self.opened = true;
+            self.open(sample.tick);
+        }
         if self.before.is_some_and(|b| b.tool != sample.tool) && !self.tool_logging.is_empty() {
             self.tool_changed(sample);
         }
+    }
+
+    /// The record of every job begins with the machine that it is of, asked for or not.
+    fn open(&mut self, tick: Tick) {
+        if self.known.machine.is_empty() {
+            return;
+        }
+        let mut data = self.known.machine.clone();
+        data.insert("function".to_owned(), Value::from("log_nc_machine_data"));
+        data.insert(BY_ITSELF.to_owned(), Value::from("job start"));
+        self.tell(tick, StepId::NONE, data);
     }
 
     /// Takes the samples of a cycle, behind the steps and firings of it.
@@ -235,8 +256,12 @@ impl Recorder {
             return;
         }
         let previous = self.before.filter(|b| b.tick + 1 == self.sample.tick);
-        let tip = self.context.tip(self.sample.actual);
-        let over = self.recordings.cycle(&self.sample, previous.as_ref(), tip, &self.readings);
+        let over = self.recordings.cycle(Seen {
+            sample: &self.sample,
+            previous: previous.as_ref(),
+            readings: &self.readings,
+            context: &self.context,
+        });
         self.tell_ended(over, self.sample.step);
     }
 

@@ -422,6 +422,7 @@ impl<'a> Scaler<'a> {
                 path_speed: length * -speed,
                 rapid: false,
                 planned_override: 1.0,
+                tie: None,
                 ..goal
             };
             let said = course.said;

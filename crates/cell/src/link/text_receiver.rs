@@ -572,6 +572,7 @@ impl TextReceiver {
             path_speed: velocity.iter().map(|v| v * v).sum::<f64>().sqrt(),
             rapid: false,
             planned_override: 1.0,
+            tie: None,
         };
         self.velocity = velocity;
         self.command(Command::SetPoint(set_point));

@@ -168,6 +168,8 @@ pub const SIGNALS: &[Signal] = &[
     derived("Z.WATTAGE", "WATT", |c| power(c, 2)),
     measured("PATH.PATH_FEEDRATE.COMMANDED", "MILLIMETER/SECOND", |c| c.now.path_speed),
     derived("PATH.PATH_FEEDRATE.ACTUAL", "MILLIMETER/SECOND", |c| length(c.now.velocity)),
+    derived("PATH.FOLLOWING_ERROR_LINEAR", "MILLIMETER", |c| c.now.thread_error),
+    measured("S1.ANGLE.ACTUAL", "DEGREE", |c| c.now.spindle_angle),
     measured("S1.ROTARY_VELOCITY.ACTUAL", "REVOLUTION/MINUTE", |c| c.now.spindle_speed),
     measured("S1.LOAD", "PERCENT", |c| c.now.spindle_load),
     derived("S1.ANGULAR_ACCELERATION", "RADIAN/SECOND^2", |c| {

@@ -64,8 +64,8 @@ impl Recorder {
                     "scope": if *workplan_only { "workplan" } else { "rest_of_program" },
                     "default": 10, "from_step": step.0,
                 });
-                self.level = *level;
-                self.context.level_is_of_workplan(*workplan_only && level.is_some());
+                let outer = std::mem::replace(&mut self.level, *level);
+                self.context.level_is_of_workplan(*workplan_only, outer);
                 self.tell(tick, step, object(data));
             }
             Call::StartSensorRecording(recording) => {
