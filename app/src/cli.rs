@@ -286,6 +286,14 @@ pub enum TraceCommand {
         #[arg(long)]
         events: bool,
     },
+    /// The synchronized actions of a job: what they watch, how often they fired, what ended them.
+    #[command(after_help = WHERE)]
+    Actions {
+        /// The number of the job, or `last`.
+        job: String,
+        /// Data directory or backup.
+        dir: Option<PathBuf>,
+    },
     /// Write a job's samples and events to a file: CSV, JSON, Parquet or MDF 4.
     #[command(after_help = EXPORT_HELP)]
     Export {

@@ -8,7 +8,12 @@
 //!
 //! Not here yet, because nothing reads them yet: sensors.
 
+mod model;
+
+pub use model::Model;
+
 use crate::{Retention, StoreError};
+use model::{AxisTables, CardText, Tables, Values};
 use plan::Diagnostic;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -50,6 +55,10 @@ pub struct MachineFile {
     pub late_ticks_made_up: u32,
     /// What happens at cycle start with a program that was edited outside.
     pub edited_outside: EditedOutside,
+    /// What it says of loops, drives, references, spindle and cut.
+    pub model: Model,
+    /// The register card that moves it, a file; `None` where the simulator does.
+    pub registers: Option<PathBuf>,
 }
 
 /// Ports and certificates of the set-point link. The certificates of a controller and of a computer that drives one are named alike.
@@ -210,9 +219,14 @@ impl MachineFile {
         let mut machine = Self::parse(&text, &path.display().to_string())?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let link = &mut machine.link;
-        for file in [&mut link.certificate, &mut link.key, &mut link.authority]
-            .into_iter()
-            .flatten()
+        for file in [
+            &mut link.certificate,
+            &mut link.key,
+            &mut link.authority,
+            &mut machine.registers,
+        ]
+        .into_iter()
+        .flatten()
         {
             *file = folder.join(&file);
         }
@@ -233,7 +247,21 @@ impl MachineFile {
             StoreError::MachineFile(Box::new(found))
         };
         let read: Text = toml::from_str(text).map_err(|e| refuse(e.span().map(|s| s.start), e.message()))?;
-        read.checked().map_err(|(at, message)| refuse(Some(at), &message))
+        let machine = read.checked().map_err(|(at, message)| refuse(Some(at), &message))?;
+        if let Some((name, message)) = machine.contradiction() {
+            // Each number could be by itself: the place is that of the last key of this kind.
+            let keys = crate::machine_told::values(text);
+            let there = keys
+                .iter()
+                .rev()
+                .find(|told| told.key.rsplit('.').next().is_some_and(|key| key.contains(name)));
+            let mut found = Diagnostic::error("machine-file", message).in_file(file);
+            if let Some(told) = there {
+                found = found.at_line(told.line, told.column);
+            }
+            return Err(StoreError::MachineFile(Box::new(found)));
+        }
+        Ok(machine)
     }
 
     /// An axis; `None` when the machine has none of that name.
@@ -278,6 +306,13 @@ struct Text {
     #[serde(default)]
     link: LinkText,
     late_ticks_allowed: Option<Spanned<u32>>,
+    #[serde(default, rename = "loop")]
+    of_loop: Values,
+    #[serde(default)]
+    cutting: Values,
+    #[serde(default)]
+    tool_changer: Values,
+    card: Option<CardText>,
     late_ticks_made_up: Option<Spanned<u32>>,
     #[serde(default)]
     programs: ProgramsText,
@@ -337,6 +372,12 @@ struct AxisText {
     pulses_per_mm: Positive,
     #[serde(default)]
     diameter: bool,
+    #[serde(default)]
+    homing: Values,
+    #[serde(default)]
+    servo: Values,
+    #[serde(default)]
+    mechanics: Values,
 }
 
 #[derive(Deserialize)]
@@ -344,6 +385,8 @@ struct AxisText {
 struct SpindleText {
     max_rpm: Positive,
     acceleration_rpm_s: Positive,
+    #[serde(default)]
+    drive: Values,
 }
 
 #[derive(Deserialize)]
@@ -412,7 +455,19 @@ impl TryFrom<i64> for Bytes {
 type Refusal = (usize, String);
 
 impl Text {
-    fn checked(self) -> Result<MachineFile, Refusal> {
+    fn checked(mut self) -> Result<MachineFile, Refusal> {
+        let of_axis = |axis: Option<&mut AxisText>| axis.map_or_else(AxisTables::default, AxisText::tables);
+        let model = Model::read(Tables {
+            axes: [
+                of_axis(Some(self.axes.x.get_mut())),
+                of_axis(self.axes.y.as_mut().map(Spanned::get_mut)),
+                of_axis(Some(self.axes.z.get_mut())),
+            ],
+            of_loop: self.of_loop,
+            spindle_drive: self.spindle.drive,
+            cutting: self.cutting,
+            tool_changer: self.tool_changer,
+        })?;
         let name_at = self.name.span().start;
         let name = self.name.into_inner();
         if name.is_empty() || name.chars().any(|c| c == '/' || c.is_control()) {
@@ -517,8 +572,20 @@ impl Text {
                 authority: self.link.authority,
             },
             late_ticks_allowed: self.late_ticks_allowed.map_or(LATE_TICKS, Spanned::into_inner),
+            model,
+            registers: self.card.map(|card| card.registers),
             late_ticks_made_up: self.late_ticks_made_up.map_or(LATE_TICKS_MADE_UP, Spanned::into_inner),
         })
+    }
+}
+
+impl AxisText {
+    fn tables(&mut self) -> AxisTables {
+        AxisTables {
+            homing: std::mem::take(&mut self.homing),
+            servo: std::mem::take(&mut self.servo),
+            mechanics: std::mem::take(&mut self.mechanics),
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::{Done, print_json};
 use crate::cli::{Common, ControllerArgs, LinkName};
+use crate::controller::drives::Drives;
 use crate::controller::gamepad::{Gamepad, Pad};
 use crate::controller::realtime::{AtOnce, Privileges, Punctuality, Servo, every_cycle};
 use crate::controller::recording::Recording;
@@ -14,14 +15,13 @@ use crate::program::machine_for;
 use crate::{say, shop};
 use cell::link::{LinkReceiver, MachineCard, TextReceiver};
 use machine::link::Follower;
-use machine::{Plant, Quality, RealtimeHalf, Request};
+use machine::{Quality, RealtimeHalf, Request};
 use serde_json::json;
 use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc;
 use store::MachineFile;
-use units::Point;
 
 /// Where a controller listens when nothing says another port.
 pub const PORT: u16 = 7450;
@@ -64,10 +64,10 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
             "{ip}: the text protocol has neither encryption nor checksums; it is for programs on this computer, 127.0.0.1"
         )));
     }
-    let plant = Plant::new(&parameters, Point::ORIGIN, common.seed);
-    let quality = Quality::Simulated;
+    let drives = Drives::of(&machine, &parameters, common.seed)?;
+    let quality = drives.quality();
     let (mut servo, mut ends) = Servo::new(
-        RealtimeHalf::with_pad(&parameters, plant, pad, quality),
+        RealtimeHalf::with_pad(&parameters, drives, pad, quality),
         (!text).then(Follower::new),
     );
     let _ = ends.at_once.push(AtOnce::Request(Request::PowerOn));
@@ -92,7 +92,7 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
     let (has, lacks, complete) = privileges
         .recv()
         .expect("the realtime thread says what it has before anything else");
-    tell_start(&listener, &machine, (&has, &lacks, complete), made_up, common)?;
+    tell_start(&listener, &machine, quality, (&has, &lacks, complete), made_up, common)?;
 
     let served = if text {
         let mut recording = match &args.record {
@@ -149,6 +149,7 @@ fn listen(args: &ControllerArgs, machine: &MachineFile, ip: IpAddr) -> Result<Tc
 fn tell_start(
     listener: &TcpListener,
     machine: &MachineFile,
+    quality: Quality,
     (has, lacks, complete): (&str, &[String], bool),
     made_up: u32,
     common: &Common,
@@ -160,7 +161,7 @@ fn tell_start(
         let told = json!({
             "address": format!("tcp://{address}"),
             "machine": machine.name,
-            "simulated": true,
+            "simulated": quality == Quality::Simulated,
             "realtime": has,
             "punctual": complete,
             "lacks": lacks,
@@ -169,7 +170,8 @@ fn tell_start(
         });
         say(&told.to_string());
     } else {
-        say(&format!("{} (SIMULATED) listens on tcp://{address}", machine.name));
+        let simulated = if quality == Quality::Simulated { " (SIMULATED)" } else { "" };
+        say(&format!("{}{simulated} listens on tcp://{address}", machine.name));
     }
     eprintln!("realtime task: {has}");
     lacks.iter().for_each(|line| eprintln!("warning: {line}"));

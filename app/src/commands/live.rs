@@ -119,7 +119,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
                 who: &who,
                 drives: drives_of(&driver),
                 stop: Some(&stop),
-                level: acting.level.map(ledger::Level::number),
+                person: acting.json(),
                 found: None,
             };
             execute(&order, &mut directory, None)

@@ -66,11 +66,12 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
 
     let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
     let mut all = checks(&found, travels(&machine), &tables);
-    functions::checks(
-        &functions::look(&program, &tables)?,
-        acting.level.map(ledger::Level::number),
-        &mut all,
-    );
+    let asked = functions::look(&program, &tables)?;
+    functions::checks(&asked, acting.level, &mut all);
+    if asked.all_modes {
+        // One of the reasons below when it is refused; here it comes into the log.
+        let _ = acting.ask(Action::StartAllModes, &mut directory, start)?;
+    }
     if !common.json {
         all.iter().filter(|c| c.state != State::Ok).for_each(print);
     }
@@ -111,7 +112,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         who: &who,
         drives: drives_of(&driver),
         stop: Some(&stop),
-        level: acting.level.map(ledger::Level::number),
+        person: acting.json(),
         found: edited.clone(),
     };
     let done = execute(&order, &mut directory, None)?;
@@ -336,8 +337,10 @@ pub fn tell_outcome(
         }
         functions::print(&done.printed.functions);
         let folder = done.folder.display();
+        let recorded = done.printed.functions.iter().any(|told| told.data.contains_key("streams"));
+        let values = if recorded { ", functions.parquet" } else { "" };
         say(&format!(
-            "files: {folder}/as-executed.stpnc, report.html, report.json, record.parquet"
+            "files: {folder}/as-executed.stpnc, report.html, report.json, record.parquet{values}"
         ));
     }
     Ok(if good { Exit::Good } else { Exit::Negative })

@@ -158,6 +158,7 @@ pub fn run<S: CommandSource, K: RecordSink>(
             loading = true;
             remote.load(Load::from(compiled));
         }
+        office.machine_begun_anew(remote.begun_anew(), &mut seen);
         let mut wait = LOOK;
         while let Some(Heard { report, firings }) = remote.report(wait)? {
             wait = Duration::ZERO;

@@ -63,6 +63,7 @@ struct Shared {
     status: SenderStatus,
     lost_reports: u64,
     lost_firings: u64,
+    begun_anew: u64,
     /// Times the connection was cut.
     cuts: u64,
     /// Times the controller gave this side the machine.
@@ -242,6 +243,11 @@ impl Remote {
     /// Firings of conditions that were lost, in all.
     pub fn lost_firings(&self) -> u64 {
         self.lock().lost_firings
+    }
+
+    /// Times that the controller knew nothing of the run any more, in all.
+    pub fn begun_anew(&self) -> u64 {
+        self.lock().begun_anew
     }
 
     fn lock(&self) -> MutexGuard<'_, Shared> {
@@ -465,7 +471,7 @@ impl Speaker {
         });
         let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
         (shared.status, shared.lost_reports, shared.machine) = (status, lost + self.not_kept, machine);
-        shared.lost_firings = lost_firings;
+        (shared.lost_firings, shared.begun_anew) = (lost_firings, self.sender.begun_anew());
         shared.last = last.or(shared.last);
     }
 }

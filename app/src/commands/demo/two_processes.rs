@@ -141,7 +141,7 @@ impl Story<'_> {
             who: &who,
             drives: Drives::Behind(&remote, &found),
             stop: None,
-            level: Some(ledger::Level::HIGHEST.number()),
+            person: json!({ "level": ledger::Level::HIGHEST.number(), "authenticated_by": "none" }),
             found: None,
         };
         execution::run(&order, self.directory, None)

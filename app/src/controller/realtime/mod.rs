@@ -151,13 +151,14 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
         (servo, ends)
     }
 
-    /// One servo cycle, and how many come too late from this one on. No allocation, no lock, no call of the system.
+    /// One servo cycle, and how many come too late from this one on. See [`Servo::cycle`].
     pub fn late_cycle(&mut self, now: Tick, late: u64) {
         self.half.count_late(late);
         self.cycle(now);
     }
 
-    /// One servo cycle.
+    /// One servo cycle. No allocation, no lock, and no call of the system but for the clock, and for what drives it: a register file takes a
+    /// read and a write of some bytes.
     pub fn cycle(&mut self, now: Tick) {
         while let Ok(at_once) = self.at_once.pop() {
             match (at_once, &mut self.follower) {
@@ -178,7 +179,8 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
                 break;
             }
         }
-        self.half.tick(now);
+        self.half
+            .tick_by(now, &mut || u64::try_from(clock::now().as_nanos()).unwrap_or(u64::MAX));
         if let Some(follower) = &mut self.follower {
             follower.after_tick(&mut self.half);
         }
