@@ -95,6 +95,21 @@ fn manual() -> String {
         let _ = writeln!(page, "| {kind} | {} |", dimension.unit());
     }
     page.push_str(
+        "\n## Sensors of our own controller\n\nEach is worked out in every servo cycle. *Recorded*: a column of every record; *derived*: worked out of \
+         what is measured, and\nmarked so wherever it is recorded; all others are recorded by the functions above. Where a machine has no such sensor (a \
+         motion card\ngives no loads) the value is missing, never 0.\n\n| sensor | unit | |\n|---|---|---|\n",
+    );
+    for signal in machine::watch::SIGNALS.iter().filter(|s| !s.name.starts_with("trace:")) {
+        let recorded = machine::CHANNELS.iter().any(|channel| channel.name == signal.name);
+        let words = [(recorded, "recorded"), (signal.derived, "derived")];
+        let words: Vec<&str> = words.into_iter().filter_map(|(is, word)| is.then_some(word)).collect();
+        let _ = writeln!(page, "| `{}` | {} | {} |", signal.name, signal.unit, words.join(", "));
+    }
+    page.push_str(
+        "\n`CONTROLLER.WATCH_OPERATIONS` is what the conditions of the cycle before cost, counted: the same in every run. \
+         `CONTROLLER.WATCH_TIME` is\nthe time that they took by the clock of `toolmark controller`; in simulated time there is none.\n",
+    );
+    page.push_str(
         "\n## Errors\n\n| code | case | at load | at run time |\n|---|---|---|---|\n\
 | T-01 | stop without an active start | error; a warning where it was started before | event, goes on |\n\
 | T-02 | id started while active | error | start ignored, event |\n\
