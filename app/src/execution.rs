@@ -61,8 +61,8 @@ pub struct Order<'a> {
     pub drives: Drives<'a>,
     /// A person wants it to stop.
     pub stop: Option<&'a AtomicBool>,
-    /// Their level, 1 is the strongest.
-    pub level: Option<u8>,
+    /// What is known of them: level, organization, role, shift, and how they were identified.
+    pub person: serde_json::Value,
     /// What was found at cycle start, for the report.
     pub found: Option<String>,
 }
@@ -194,7 +194,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
             .map(|(interval, jitter)| Thinned::new(order.start, interval, jitter, order.seed)),
         part,
         last: None,
-        values: Values::new(&directory.recording_folder(job.id), &folder, order.start, pace),
+        values: Values::new(directory.values_folder(job.id), &folder, order.start, pace),
     };
     let mut told = 0;
     let (outcome, driven) = execute(order, &mut rows, &mut |now, events| {
@@ -218,9 +218,9 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         values,
         ..
     } = rows;
-    // Before the recording's folder goes: its own rows are kept and discarded in one step.
-    let values = values.end()?;
     let end = order.start.at(outcome.ticks);
+    // Before the recording's folder goes, in which they are made.
+    values.end(directory, job.id, end)?;
     let ended = recording.end();
     tell_notices(directory, &watch, end)?;
     ended.map_err(shop::failure)?;
@@ -248,6 +248,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
     let mut rebuild = rebuild(order, (program, &tables), &record_read, &outcome)?;
     functions::results(&events, &mut rebuild.executed);
     let printed = Printed::of(&events);
+    rebuild.report.findings.extend(functions::alarms(&printed.functions));
     write_down(
         order,
         program,
@@ -267,7 +268,6 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         files::write(&path, &printed.bytes)?;
         written.push(path);
     }
-    written.extend(values.map(|(path, _)| path));
     directory.keep_files(job.id, &written, end).map_err(shop::failure)?;
 
     let ending = if outcome.ended == Ended::Completed {
@@ -652,7 +652,7 @@ mod tests {
                 who: "Maria",
                 drives: Drives::World,
                 stop: None,
-                level: Some(1),
+                person: serde_json::json!({ "level": 1 }),
                 found: None,
             };
             let feature = Feature::TurnedDiameter {

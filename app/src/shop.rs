@@ -237,7 +237,9 @@ fn command_word() -> String {
     words.join(" ")
 }
 
-/// Who is named behind something that asks for no right: `--operator`, else the user that the system signed in.
+/// Who is named behind something that asks for no right: `--operator`, marked as claimed, else the user that the system signed in.
 pub fn operator(common: &Common) -> String {
-    people::unchecked_name(common)
+    let name = people::unchecked_name(common);
+    let named = common.operator.as_deref().is_some_and(|name| !name.trim().is_empty());
+    if named { format!("{name} (claimed)") } else { name }
 }

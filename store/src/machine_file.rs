@@ -51,6 +51,8 @@ pub struct MachineFile {
     pub link: LinkFile,
     /// Servo cycles that may be lost in a row before its controller makes a controlled stop.
     pub late_ticks_allowed: u32,
+    /// Servo cycles in a row that may come late on simulated drives, which wait for them; beyond it [`MachineFile::late_ticks_allowed`] holds.
+    pub late_ticks_made_up: u32,
     /// What happens at cycle start with a program that was edited outside.
     pub edited_outside: EditedOutside,
     /// What it says of loops, drives, references, spindle and cut.
@@ -311,6 +313,7 @@ struct Text {
     #[serde(default)]
     tool_changer: Values,
     card: Option<CardText>,
+    late_ticks_made_up: Option<Spanned<u32>>,
     #[serde(default)]
     programs: ProgramsText,
 }
@@ -319,6 +322,11 @@ struct Text {
 const LATE_TICKS: u32 = 5;
 /// A tenth of a second without control is no control.
 const MOST_LATE_TICKS: u32 = 100;
+/// What simulated drives wait for when nothing is said: a computer without realtime rights that compiles something is away for tens of
+/// milliseconds, and the set-points on their way bridge 200 to 500.
+const LATE_TICKS_MADE_UP: u32 = 500;
+/// Who was away for longer was suspended, and a person should know.
+const MOST_MADE_UP: u32 = 1000;
 
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -475,6 +483,9 @@ impl Text {
         {
             return Err((late.span().start, format!("late_ticks_allowed is 0 to {MOST_LATE_TICKS}")));
         }
+        if let Some(late) = self.late_ticks_made_up.as_ref().filter(|late| *late.get_ref() > MOST_MADE_UP) {
+            return Err((late.span().start, format!("late_ticks_made_up is 0 to {MOST_MADE_UP}")));
+        }
         let kind = *self.kind.get_ref();
         if kind == MachineKind::Mill && self.axes.y.is_none() {
             return Err((self.kind.span().start, "a mill needs [axes.y]".to_owned()));
@@ -563,6 +574,7 @@ impl Text {
             late_ticks_allowed: self.late_ticks_allowed.map_or(LATE_TICKS, Spanned::into_inner),
             model,
             registers: self.card.map(|card| card.registers),
+            late_ticks_made_up: self.late_ticks_made_up.map_or(LATE_TICKS_MADE_UP, Spanned::into_inner),
         })
     }
 }
@@ -688,6 +700,10 @@ mod tests {
         check_refused(
             ("kind = \"mill\"", "kind = \"mill\"\nlate_ticks_allowed = 101"),
             "4:22: late_ticks_allowed is 0 to 100",
+        );
+        check_refused(
+            ("kind = \"mill\"", "kind = \"mill\"\nlate_ticks_made_up = 1001"),
+            "4:22: late_ticks_made_up is 0 to 1000",
         );
         check_refused(("[store]", "[link]\nport = 0\n[store]"), "98:8: ");
         check_refused(

@@ -30,6 +30,7 @@ pub const DEFAULTS: &[(&str, &str)] = &[
     ("programs.edited_outside", "\"warn\""),
     ("late_ticks_allowed", "5"),
     ("card.registers", "none: the simulator moves it"),
+    ("late_ticks_made_up", "500"),
 ];
 
 impl MachineFile {

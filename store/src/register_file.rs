@@ -42,7 +42,10 @@ impl RegisterFile {
         if length < (WORDS * BYTES) as u64 {
             let short = std::io::Error::new(
                 std::io::ErrorKind::UnexpectedEof,
-                format!("it has {length} bytes, and a card's registers are {} bytes; start the card's program first", WORDS * BYTES),
+                format!(
+                    "it has {length} bytes, and a card's registers are {} bytes; start the card's program first",
+                    WORDS * BYTES
+                ),
             );
             return Err(StoreError::io("use the registers", path)(short));
         }

@@ -2,8 +2,8 @@
 
 use machine::registers::{FULL_SPEED, input, output, register};
 use machine::{
-    AxisOrder, Command, CyclicDrive, DriveMode, DriveOrders, FaultCause, MachineParameters, Plant, PositionLaw, Quality, RealtimeHalf,
-    RegisterCard, Request, SetPoint, SpindleCommand, State,
+    AxisOrder, Command, CyclicDrive, DriveMode, DriveOrders, FaultCause, MachineParameters, Plant, PositionLaw, Quality,
+    RealtimeHalf, RegisterCard, Request, SetPoint, SpindleCommand, State,
 };
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
@@ -24,7 +24,13 @@ struct Card {
 
 impl Card {
     fn new(path: &Path, parameters: &MachineParameters) -> Card {
-        let file = OpenOptions::new().create(true).truncate(false).read(true).write(true).open(path).expect("a file");
+        let file = OpenOptions::new()
+            .create(true)
+            .truncate(false)
+            .read(true)
+            .write(true)
+            .open(path)
+            .expect("a file");
         file.set_len((WORDS * 4) as u64).expect("its length");
         Card {
             file,
@@ -42,7 +48,9 @@ impl Card {
     }
 
     fn put(&self, register: u16, value: i32) {
-        self.file.write_all_at(&value.to_le_bytes(), u64::from(register) * 4).expect("a place");
+        self.file
+            .write_all_at(&value.to_le_bytes(), u64::from(register) * 4)
+            .expect("a place");
     }
 
     fn cycle(&mut self) {
@@ -50,10 +58,18 @@ impl Card {
         let part = |r: u16| f64::from(self.word(r)) / FULL_SPEED;
         let rpm = Rpm(part(register::SPINDLE) * self.parameters.spindle.highest.0);
         let orders = DriveOrders {
-            mode: if outputs & output::ENABLE != 0 { DriveMode::Follow } else { DriveMode::Off },
+            mode: if outputs & output::ENABLE != 0 {
+                DriveMode::Follow
+            } else {
+                DriveMode::Off
+            },
             axes: std::array::from_fn(|k| {
                 let velocity = part(register::SPEED[k]) * self.parameters.axes[k].v_max.0;
-                AxisOrder { velocity, planned: velocity, ..AxisOrder::default() }
+                AxisOrder {
+                    velocity,
+                    planned: velocity,
+                    ..AxisOrder::default()
+                }
             }),
             spindle: match outputs & (output::CLOCKWISE | output::COUNTERCLOCKWISE) {
                 output::CLOCKWISE => SpindleCommand::Clockwise(rpm),
@@ -66,10 +82,16 @@ impl Card {
         self.now += 1;
         let feedback = self.plant.read(self.now);
         for k in 0..3 {
-            self.put(register::POSITION[k], (feedback.position[k] * self.parameters.axes[k].pulses_per_mm).round() as i32);
+            self.put(
+                register::POSITION[k],
+                (feedback.position[k] * self.parameters.axes[k].pulses_per_mm).round() as i32,
+            );
         }
         let counts = self.parameters.spindle.encoder_counts;
-        self.put(register::SPINDLE_POSITION, (feedback.spindle_angle.expect("it has one") * counts).round() as i32);
+        self.put(
+            register::SPINDLE_POSITION,
+            (feedback.spindle_angle.expect("it has one") * counts).round() as i32,
+        );
         if let Some(index) = feedback.spindle_index {
             self.put(register::SPINDLE_INDEX, (index * counts).round() as i32);
             self.index_count = self.index_count.wrapping_add(1 << 24);
@@ -133,7 +155,11 @@ fn a_controller_drives_iron_behind_a_file_and_a_card_that_falls_silent_is_a_faul
             }
         }
     });
-    let mut half = Box::new(RealtimeHalf::new(&parameters, RegisterCard::new(&parameters, registers), Quality::Good));
+    let mut half = Box::new(RealtimeHalf::new(
+        &parameters,
+        RegisterCard::new(&parameters, registers),
+        Quality::Good,
+    ));
     half.request(Request::PowerOn);
     let mut tick = 0;
     let mut queue = there(40.0).into_iter().peekable();

@@ -24,7 +24,8 @@ impl Drives {
         Ok(match &machine.registers {
             None => Drives::Simulated(Box::new(Plant::new(parameters, Point::ORIGIN, seed))),
             Some(path) => {
-                let registers = RegisterFile::open(path).map_err(|e| Failure::machine(shop::failure(e).message.trim_start_matches("error: ")))?;
+                let registers = RegisterFile::open(path)
+                    .map_err(|e| Failure::machine(shop::failure(e).message.trim_start_matches("error: ")))?;
                 Drives::Card(Box::new(RegisterCard::new(parameters, registers)))
             }
         })

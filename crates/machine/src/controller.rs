@@ -99,7 +99,7 @@ pub struct Counters {
     pub completed: u64,
     /// Commands thrown away by a reset.
     pub discarded: u64,
-    /// Servo cycles that did not take place.
+    /// Servo cycles that did not take place in time.
     pub late_ticks: u64,
     /// Times that happened.
     pub late_gaps: u64,
@@ -150,6 +150,8 @@ pub struct Controller {
     /// What was given to the drives.
     commanded: [f64; 3],
     commanded_velocity: [f64; 3],
+    /// Its last three places, the newest first.
+    trail: [[f64; 3]; 3],
     path_speed: f64,
     step: StepId,
     workingstep: WorkingstepId,
@@ -218,6 +220,7 @@ impl Controller {
             astray: false,
             commanded: [0.0; 3],
             commanded_velocity: [0.0; 3],
+            trail: [[0.0; 3]; 3],
             path_speed: 0.0,
             step: StepId::NONE,
             workingstep: WorkingstepId(0),
@@ -366,6 +369,15 @@ impl Controller {
     /// What a person is to be told since this was asked last.
     pub fn take_notices(&mut self) -> Notices {
         core::mem::take(&mut self.notices)
+    }
+
+    /// Counts cycles that come too late, one after another, on drives that have waited for them: simulated ones. No time was lost to the
+    /// motion, and none is passed over.
+    pub fn count_late(&mut self, cycles: u64) {
+        if cycles > 0 {
+            self.counters.late_ticks += cycles;
+            self.counters.late_gaps += 1;
+        }
     }
 
     /// One servo cycle: `feedback` was measured at its beginning, the orders are for its duration.

@@ -76,6 +76,11 @@ impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
         }
     }
 
+    /// Counts cycles that come too late on drives that have waited for them, as [`Controller::count_late`].
+    pub fn count_late(&mut self, cycles: u64) {
+        self.controller.count_late(cycles);
+    }
+
     /// One servo cycle: read, control, order, report.
     pub fn tick(&mut self, now: Tick) {
         self.tick_by(now, &mut || 0);
@@ -118,6 +123,7 @@ impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
             match order {
                 WatchOrder::OperationBegins => self.readings.operation(now, true),
                 WatchOrder::OperationEnds => self.readings.operation(now, false),
+                WatchOrder::OperationUnderWay => self.readings.operation_under_way(now),
                 _ => {}
             }
             reaction = reaction.max(self.watches.obey(order));

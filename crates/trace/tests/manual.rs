@@ -106,8 +106,9 @@ fn manual() -> String {
         let _ = writeln!(page, "| `{}` | {} | {} |", signal.name, signal.unit, words.join(", "));
     }
     page.push_str(
-        "\n`CONTROLLER.WATCH_OPERATIONS` is what the conditions of the cycle before cost, counted: the same in every run. \
-         `CONTROLLER.WATCH_TIME` is\nthe time that they took by the clock of `toolmark controller`; in simulated time there is none.\n",
+        "\n## What the conditions cost\n\n`CONTROLLER.WATCH_OPERATIONS` (COUNT) is how many operations the conditions took in a cycle, \
+`CONTROLLER.WATCH_TIME`\n(NANOSECOND) how long. Both are recorded and watched like any sensor. In simulated time nobody measures: the time is\n\
+unavailable there, because the same seed has to give the same bytes.\n",
     );
     page.push_str(
         "\n## Errors\n\n| code | case | at load | at run time |\n|---|---|---|---|\n\
@@ -116,8 +117,8 @@ fn manual() -> String {
 | T-03 | clear of an alarm that is not active | | event |\n\
 | T-04 | start without stop in its scope | remark | ended by its scope, reason recorded |\n\
 | T-05 | sensor that this machine has not | warning; error with `required=ON` | quality unavailable, one event an outage |\n\
-| T-06 | a condition that makes no sense: names, units, kinds | error | |\n\
-| T-07 | a variable of the machine is written | error | |\n\
+| T-06 | what makes no sense: names, units and kinds in a condition, several values for one variable, geometry that the file has not | error | event |\n\
+| T-07 | a variable of the machine is written (`sensor:`, `trace:`), by a function, an action or an assignment | error | not written |\n\
 | T-08 | a function that cannot be an action | error | |\n\
 | T-09 | more conditions or firings than the cycle takes | error | what is only recorded goes first, counted |\n\
 | T-10 | cycles lost on their way to a recording | | counted in the recording |\n\

@@ -202,31 +202,12 @@ impl Controller {
 
     /// Where the plan is now: on the last set-point, or between it and the next by Hermite's cubic.
     pub(super) fn planned(&self) -> Planned {
-        let a = &self.here;
         let next = if self.fraction > 0.0 { self.next_set_point() } else { None };
-        let (u, b) = match next {
-            Some(b) => (self.fraction, b),
-            None => {
-                return Planned {
-                    position: a.position,
-                    velocity: a.velocity,
-                    acceleration: a.acceleration,
-                    path_speed: a.path_speed,
-                };
-            }
-        };
-        let between = |from: f64, to: f64| from + (to - from) * u;
-        let (u2, u3) = (u * u, u * u * u);
-        Planned {
-            position: core::array::from_fn(|k| {
-                let (p, q) = (a.position[k], b.position[k]);
-                let (m, n) = (a.velocity[k] * TICK.0, b.velocity[k] * TICK.0);
-                (2.0 * u3 - 3.0 * u2 + 1.0) * p + (u3 - 2.0 * u2 + u) * m + (3.0 * u2 - 2.0 * u3) * q + (u3 - u2) * n
-            }),
-            velocity: core::array::from_fn(|k| between(a.velocity[k], b.velocity[k])),
-            acceleration: core::array::from_fn(|k| between(a.acceleration[k], b.acceleration[k])),
-            path_speed: between(a.path_speed, b.path_speed),
-        }
+        between(
+            &self.here,
+            next.unwrap_or(&self.here),
+            if next.is_some() { self.fraction } else { 0.0 },
+        )
     }
 
     /// Mean acceleration of the plan over the cycle to come, mm/s^2 of planned time.
@@ -261,6 +242,30 @@ impl Controller {
     /// True when a set-point is as good as standing: an axis can take away its speed within a cycle.
     pub(super) fn resting(&self, set_point: &SetPoint) -> bool {
         (0..3).all(|k| set_point.velocity[k].abs() <= self.parameters.axes[k].a_max.0 * TICK.0)
+    }
+}
+
+/// Where the plan is a part of a cycle behind `a`, on the way to `b`: Hermite's cubic.
+pub(super) fn between(a: &SetPoint, b: &SetPoint, u: f64) -> Planned {
+    if u <= 0.0 {
+        return Planned {
+            position: a.position,
+            velocity: a.velocity,
+            acceleration: a.acceleration,
+            path_speed: a.path_speed,
+        };
+    }
+    let between = |from: f64, to: f64| from + (to - from) * u;
+    let (u2, u3) = (u * u, u * u * u);
+    Planned {
+        position: core::array::from_fn(|k| {
+            let (p, q) = (a.position[k], b.position[k]);
+            let (m, n) = (a.velocity[k] * TICK.0, b.velocity[k] * TICK.0);
+            (2.0 * u3 - 3.0 * u2 + 1.0) * p + (u3 - 2.0 * u2 + u) * m + (3.0 * u2 - 2.0 * u3) * q + (u3 - u2) * n
+        }),
+        velocity: core::array::from_fn(|k| between(a.velocity[k], b.velocity[k])),
+        acceleration: core::array::from_fn(|k| between(a.acceleration[k], b.acceleration[k])),
+        path_speed: between(a.path_speed, b.path_speed),
     }
 }
 

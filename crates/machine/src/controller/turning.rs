@@ -247,6 +247,7 @@ impl Controller {
     /// One cycle of turning round; gives the commanded acceleration, mm/s^2.
     pub(super) fn turn_round(&mut self, mut turn: Turn, cycles: u64) -> [f64; 3] {
         let time = cycles as f64 * TICK.0;
+        self.leave_trail();
         let (tie, rotation) = (turn.tie, turn.rotation);
         let stops = matches!(self.state, State::Stopping(_)) || turn.ahead.spindle.is_none();
         let turns = rotation * self.angle.turns;

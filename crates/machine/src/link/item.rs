@@ -48,6 +48,8 @@ wire_enum!(WatchOrder {
     3 = Alarm(order),
     4 = OperationBegins,
     5 = OperationEnds,
+    6 = TakeUp { watch, fired },
+    7 = OperationUnderWay,
 });
 wire_enum!(AlarmOrder {
     1 = Set { alarm, reaction, reset_by },

@@ -266,6 +266,11 @@ impl Readings {
         self.operation_began = begins.then_some(now);
     }
 
+    /// An operation is under way: it begins in the coming cycle if nobody knows since when.
+    pub fn operation_under_way(&mut self, now: Tick) {
+        self.operation_began.get_or_insert(now);
+    }
+
     /// Works out the signals of a cycle.
     pub fn take(&mut self, sample: &Sample, machine: &MachineParameters, situation: Situation) {
         let now = sample.tick;
