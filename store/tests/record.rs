@@ -101,7 +101,8 @@ fn a_hundred_thousand_rows_come_back_bit_equal() {
         finished.bytes as f64 / columns as f64
     );
     assert!(finished.bytes <= values, "more than a byte per reading");
-    assert_eq!(finished.unavailable, 0);
+    // Two of the four workingsteps are no thread, and have no thread error.
+    assert_eq!(finished.unavailable, 60_000);
 
     let reader = Reader::open(&path).expect("ours");
     assert_eq!((reader.header(), reader.len()), (&header(), 100_000));
