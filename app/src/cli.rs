@@ -167,6 +167,9 @@ pub struct ControllerArgs {
     /// A gamepad as control pad: its device, /dev/input/event...
     #[arg(long, value_name = "DEVICE")]
     pub pad: Option<PathBuf>,
+    /// End as with Ctrl-C when standard input ends: with the program that started this one, however that ends.
+    #[arg(long)]
+    pub until_stdin_ends: bool,
 }
 
 /// What is spoken between a planner and a machine.

@@ -197,6 +197,12 @@ pub fn unchecked_name(common: &Common) -> String {
     named.map_or_else(|| format!("{} {BY_THE_SYSTEM}", system_user()), str::to_owned)
 }
 
+/// The same in the few words that another one reads who wants the machine, too.
+pub fn shown_to_others(common: &Common) -> String {
+    let named = common.operator.as_deref().map(str::trim).filter(|name| !name.is_empty());
+    named.map_or_else(system_user, str::to_owned)
+}
+
 /// The user that the system signed in. Not what the environment says, which anybody can set: the number that the kernel knows this
 /// process by, and its name in the list of users.
 pub fn system_user() -> String {

@@ -28,6 +28,7 @@ mod people_verified;
 pub mod programs;
 mod range;
 pub mod record;
+pub mod register_file;
 pub mod registers;
 mod retention;
 mod retention_verified;

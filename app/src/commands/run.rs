@@ -41,7 +41,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     }
     let named = if behind { None } else { named_machine(&common.machine)? };
     let mut program = Program::open(&args.program, common.dialect.as_deref(), named.as_ref())?;
-    let asked = people::unchecked_name(common);
+    let asked = people::shown_to_others(common);
     if args.link == LinkName::Text {
         return run_over_text(args, &mut program, common);
     }
@@ -189,6 +189,7 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
             done.lines
         ));
         losses.iter().chain(&done.told).for_each(|line| say(&format!("  {line}")));
+        say("  the record is with the controller (--record DIR): toolmark rebuild PROGRAM RECORD --out F.stpnc --report DIR");
     }
     Ok(if done.ended.is_none() { Exit::Good } else { Exit::Negative })
 }
@@ -243,7 +244,17 @@ impl Driver {
         // Each run is a plan of its own: it begins where the machine stands now.
         let plan = Hash::of(format!("{name} {}", start.0).as_bytes());
         let plan = PlanId(plan.0);
-        let (remote, found) = Remote::connect(&address, client, name, plan, &shop::parameters(&machine))?;
+        let connected = Remote::connect(&address, client, name, plan, &shop::parameters(&machine));
+        let (remote, found) = connected.map_err(|mut failure| {
+            if failure.message.contains("other limits") {
+                let kind = if turns { "program turns" } else { "program mills" };
+                failure.message.push_str(&format!(
+                    " (here it is '{}': the {kind}); --machine-file names another",
+                    machine.name
+                ));
+            }
+            failure
+        })?;
         if found.name != machine.name {
             shop::notice(&format!(
                 "{address} is '{}'; the plan is made for '{}', which has the same limits",
@@ -315,7 +326,7 @@ pub fn tell_outcome(
             done.record.rows
         ));
         if let Some(driven) = &done.driven {
-            say(&format!("  {}", driven.line()));
+            driven.lines().iter().for_each(|line| say(&format!("  {line}")));
         }
         for gap in &done.gaps {
             say(&format!("warning: the record has a gap: {gap}"));

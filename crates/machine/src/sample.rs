@@ -73,6 +73,10 @@ pub struct Sample {
     pub spindle_speed: f64,
     /// Spindle torque, percent of rated.
     pub spindle_load: f64,
+    /// Angle of the spindle from its index mark, degrees, 0 to below 360 clockwise; not a number while it is not known.
+    pub spindle_angle: f64,
+    /// How far the commanded path is ahead of the spindle's angle on a thread, mm; not a number where nothing is tied to it.
+    pub thread_error: f64,
 }
 
 /// One measured column of a record: name, unit and scale are the same in program, log, agent and HMI.
@@ -206,6 +210,12 @@ pub const CHANNELS: &[Channel] = &[
         unit: "PERCENT",
         scale: 1e-1,
         read: |s| s.spindle_load,
+    },
+    Channel {
+        name: "PATH.FOLLOWING_ERROR_LINEAR",
+        unit: "MILLIMETER",
+        scale: 1e-4,
+        read: |s| s.thread_error,
     },
 ];
 

@@ -86,6 +86,8 @@ pub struct Recorder {
     level: Option<u8>,
     /// Watches that were loaded and run, or ran.
     next_run: u32,
+    /// The machine has left the program, by a reset or a restart: actions and recordings wait until it is taken up again.
+    waits: bool,
     told: Vec<Told>,
     state: State,
     /// The first cycle was heard of.
@@ -148,6 +150,7 @@ impl Recorder {
             variables: BTreeMap::new(),
             level: None,
             next_run: 1,
+            waits: false,
             told: Vec::new(),
             state: State::Off,
             opened: false,
@@ -249,6 +252,9 @@ impl Recorder {
 
     /// Takes the samples of a cycle, behind the steps and firings of it.
     pub fn take_samples(&mut self) {
+        if self.waits {
+            return;
+        }
         let previous = self.before.filter(|b| b.tick + 1 == self.sample.tick);
         let over = self.recordings.cycle(Seen {
             sample: &self.sample,
@@ -261,10 +267,14 @@ impl Recorder {
 
     /// A watch has fired in this cycle.
     pub fn fired(&mut self, firing: &Firing) {
+        let tick = firing.tick;
+        let of_the_program = self.actions.get(&firing.watch).is_some_and(|a| !a.does.all_modes);
+        if self.waits && of_the_program {
+            self.take_up(tick);
+        }
         let Some(mut action) = self.actions.get(&firing.watch).cloned() else {
             return;
         };
-        let tick = firing.tick;
         if !firing.known {
             let data = json!({ "id": action.does.id.0, "why": "a sensor of the condition is unavailable" });
             self.error("T-05", tick, self.sample.step, data);
@@ -320,8 +330,8 @@ impl Recorder {
         self.actions.insert(firing.watch, action);
     }
 
-    /// The machine's state after a cycle: effects of reactions, and what ends with a program.
-    pub fn state(&mut self, state: State, tick: Tick) {
+    /// The machine's state after a cycle: effects of reactions, and what ends with a program. `over`: the program is, all of it is done.
+    pub fn state(&mut self, state: State, tick: Tick, over: bool) {
         let before = std::mem::replace(&mut self.state, state);
         if before == state {
             return;
@@ -341,12 +351,27 @@ impl Recorder {
             self.end_alarms(tick, "cycle start", |by| by == ResetBy::Acknowledge);
         }
         if state == State::Ready && !matches!(before, State::Off | State::Ready) {
-            let reset = !matches!(before, State::Running | State::Waiting(_));
-            self.program_ends(tick, if reset { "reset" } else { "program end" });
-            if reset {
+            if over {
+                self.program_ends(tick, "program end");
+            } else {
+                self.interrupt(tick, "reset");
                 self.end_alarms(tick, "reset", |by| by != ResetBy::Function);
             }
         }
+        let follows = matches!(
+            state,
+            State::Running | State::Resuming | State::Waiting(_) | State::Holding | State::WaitingThenHold(_)
+        );
+        if self.waits && follows {
+            self.take_up(tick);
+        }
+    }
+
+    /// The controller was started again, and knows nothing of what it did: its alarms are over, and the program waits to be taken up again.
+    pub fn started_again(&mut self, tick: Tick) {
+        let why = "the controller was started again";
+        self.interrupt(tick, why);
+        self.end_alarms(tick, why, |_| true);
     }
 
     /// The run is over, however: what is still open is told as ended.

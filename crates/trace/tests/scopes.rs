@@ -29,7 +29,7 @@ fn run(said: &[Say<'_>], known: Known) -> (Recorder, Vec<Told>) {
             if cycle == 0 {
                 recorder.step(&step, Tick(tick));
             }
-            recorder.state(State::Running, Tick(tick));
+            recorder.state(State::Running, Tick(tick), false);
             recorder.take_samples();
             tick += 1;
         }
@@ -104,7 +104,7 @@ fn automatic_ends_with_the_program_and_all_modes_with_the_run() {
     };
     let (a, b) = (action(1, "AUTOMATIC"), action(2, "ALL"));
     let (mut recorder, _) = run(&[Say::Function(&a), Say::Function(&b)], Known::default());
-    recorder.state(State::Ready, Tick(100));
+    recorder.state(State::Ready, Tick(100), true);
     assert_eq!(
         words(&recorder.take_told()),
         ["100 stop_synchronized_action ended program end"]

@@ -101,7 +101,9 @@ impl Control for LinuxCnc {
             Statement::Comment(text) | Statement::Section(text) => sheet.comment(text),
             Statement::Line(line) => iso::line(line, iso::CODES, sheet)?,
             Statement::Arc(arc) => iso::arc(arc, iso::CODES, sheet)?,
-            Statement::Thread { line, lead, start, .. } => {
+            Statement::Thread {
+                line, advance, start, ..
+            } => {
                 if start.is_some_and(|angle| angle != 0.0) {
                     return Err(Refusal::new(
                         "thread-start",
@@ -111,7 +113,8 @@ impl Control for LinuxCnc {
                 }
                 let mut words = vec!["G33".to_owned()];
                 words.extend(iso::axis_words(line.words, sheet));
-                words.push(format!("K{}", sheet.number(*lead, NUMBERS)?));
+                // K is the way along the path, whatever its direction.
+                words.push(format!("K{}", sheet.number(*advance, NUMBERS)?));
                 sheet.words(&words);
                 sheet.modal.motion = None;
             }

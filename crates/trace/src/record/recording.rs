@@ -372,6 +372,11 @@ impl Recordings {
             .collect()
     }
 
+    /// Those that are not ended: id, run, samples so far.
+    pub(super) fn open(&self) -> impl Iterator<Item = (&TraceId, u32, u64)> {
+        self.active.iter().map(|a| (&a.wanted.id, a.run, a.samples))
+    }
+
     /// Ends all.
     pub(super) fn end_all(&mut self, why: &'static str) -> Vec<Ended> {
         let over = std::mem::take(&mut self.active);
