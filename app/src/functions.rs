@@ -116,7 +116,8 @@ pub fn known(order: &Order<'_>) -> Known {
         operator: {
             let mut operator = object(order.person.clone());
             operator.insert("name".to_owned(), Value::from(order.who));
-            operator.retain(|_, value| value != "");
+            // What says nothing of the person stays out: texts that nobody gave, and that nothing is claimed.
+            operator.retain(|key, value| *value != "" && *value != false && key != "local");
             if !operator.contains_key("role") {
                 operator.insert("role".to_owned(), Value::from("operator"));
             }

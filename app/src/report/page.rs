@@ -129,11 +129,11 @@ fn functions(out: &mut String, page: &Page<'_>) {
     if all.is_empty() {
         return;
     }
-    out.push_str("<h2>Functions of the program</h2><div class='wide'><table><tr><th>s</th><th>function</th><th>record</th></tr>");
+    out.push_str("<h2>Functions of the program</h2><div class='wide'><table><tr><th>s</th><th class='text'>function</th><th class='text'>record</th></tr>");
     for told in all.iter().take(MOST_FUNCTIONS) {
         let _ = write!(
             out,
-            "<tr><td>{:.3}</td><td>{}</td><td>{}</td></tr>",
+            "<tr><td>{:.3}</td><td class='text'>{}</td><td class='text'>{}</td></tr>",
             told.t_s,
             escape(&told.function),
             escape(&told.text)
