@@ -7,7 +7,7 @@ use crate::survey::{Check, State, beforehand};
 use crate::{say, shop};
 use ledger::Event;
 use plan::executed::{AsExecuted, ResultValue};
-use plan::{Next, Severity, Tables};
+use plan::{Next, ProgramStream, Severity, Tables};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -25,15 +25,19 @@ use units::{Millimetres, Timestamp, ToolNumber};
 /// # Errors
 /// It cannot be read.
 pub fn look(program: &Program, tables: &Tables) -> Result<Found, Failure> {
-    let mut stream = program.stream(tables)?;
-    let mut survey = Survey::new(&program.name);
+    Ok(look_at(&mut *program.stream(tables)?, &program.name))
+}
+
+/// The same for a program that is a stream already.
+pub fn look_at(stream: &mut dyn ProgramStream, name: &str) -> Found {
+    let mut survey = Survey::new(name);
     let mut answer = None;
     loop {
         match stream.next(answer.take()) {
             Next::Step(step) => survey.step(&step),
             Next::Ask(question) => answer = Some(beforehand(&question)),
             // What stops the program is found by its check.
-            Next::End | Next::Alarm(_) => return Ok(survey.finish()),
+            Next::End | Next::Alarm(_) => return survey.finish(),
         }
     }
 }

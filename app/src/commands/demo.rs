@@ -10,7 +10,7 @@ mod asked;
 use super::size::{self, Bench, Entering};
 use super::{Done, print_json};
 use crate::cli::{Common, DemoArgs, DisplayUnits};
-use crate::execution::{self, Drives, Order, Run, Work};
+use crate::execution::{self, Asked, Drives, Order, Run, Work};
 use crate::failure::{Exit, Failure};
 use crate::program::{Program, machine_for};
 use crate::survey::minutes;
@@ -358,6 +358,7 @@ impl Story<'_> {
             stop: None,
             level: Some(ledger::Level::HIGHEST.number()),
             found: None,
+            asked: Asked::default(),
         };
         execution::run(&order, self.directory, part)
     }

@@ -3,7 +3,7 @@
 use super::run::{Driver, drives_of, tell_outcome};
 use super::{Done, stopped_by_signals, tolerance};
 use crate::cli::{Common, LiveArgs};
-use crate::execution::{Order, Work, run as execute};
+use crate::execution::{Asked, Order, Work, run as execute};
 use crate::failure::{Exit, Failure};
 use crate::live::job::LiveJob;
 use crate::live::program::{LivePlan, write_options};
@@ -121,6 +121,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
                 stop: Some(&stop),
                 level: acting.level.map(ledger::Level::number),
                 found: None,
+                asked: Asked::default(),
             };
             execute(&order, &mut directory, None)
         })();

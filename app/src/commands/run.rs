@@ -4,24 +4,26 @@ use super::check::{print, travels, worst};
 use super::{Done, print_json, tolerance};
 use crate::cli::{Common, LinkName, RunArgs};
 use crate::cycle_start::{self, Checked};
-use crate::execution::{Drives, Order, Run, Work, run as execute};
+use crate::execution::{Asked, Drives, Order, Run, Work, run as execute};
 use crate::failure::{Exit, Failure};
 use crate::link::remote::{Machine, Remote};
 use crate::link::text_run::REPORT_PORT;
 use crate::link::{address, certificates, driving, text_run};
+use crate::overriding::Overriding;
 use crate::people::{self, Acting};
 use crate::program::{Program, machine_for, named_machine};
-use crate::survey::{Check, State, checks, minutes, survey};
+use crate::survey::{Check, State, checks, minutes, survey, survey_on};
+use crate::taking_up::{self, TakeUp, TakenUp};
 use crate::{clock, functions, report, say, shop};
 use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
 use ledger::{Action, Hash};
 use machine::link::PlanId;
 use motion::Trajectory;
-use plan::Tables;
+use plan::{ProgramStream, Tables};
 use serde_json::json;
 use std::path::Path;
-use store::MachineFile;
+use store::{DataDirectory, MachineFile};
 use units::{Point, Seconds, Timestamp};
 
 /// Runs the command.
@@ -30,6 +32,8 @@ use units::{Point, Seconds, Timestamp};
 /// The program or machine cannot be read, the check fails, or a file cannot be written.
 pub fn run(args: &RunArgs, common: &Common) -> Done {
     let tolerance = tolerance(args.tolerance)?;
+    let overriding = overriding_of(args)?;
+    let approach = approach_of(args, common)?;
     let thinned = args.as_mtconnect.as_deref().map(thinning).transpose()?;
     let shifted = args.plant_shift.as_deref().map(planted_shift).transpose()?;
     let start = clock::start_time(common.start.as_deref())?;
@@ -43,6 +47,11 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let mut program = Program::open(&args.program, common.dialect.as_deref(), named.as_ref())?;
     let asked = people::unchecked_name(common);
     if args.link == LinkName::Text {
+        if !overriding.is_nothing() || approach.is_some() {
+            return Err(Failure::usage(
+                "--link text: the protocol has no word for overrides, nor for a way back to the path; use the default link",
+            ));
+        }
         return run_over_text(args, &mut program, common);
     }
     let driver = Driver::connect(
@@ -64,10 +73,16 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     driver.place(&mut tables)?;
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
 
-    let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
+    let take_up = taken_up(args, &program, &tables, &machine, (&acting, &mut directory), start)?;
+    let found = survey_on(
+        stream_of(&program, &tables, take_up.as_ref())?,
+        &tables,
+        shop::limits(&machine),
+        Some(&shop::parameters(&machine)),
+    );
     let mut all = checks(&found, travels(&machine), &tables);
     functions::checks(
-        &functions::look(&program, &tables)?,
+        &functions::look_at(&mut *stream_of(&program, &tables, take_up.as_ref())?, &program.name),
         acting.level.map(ledger::Level::number),
         &mut all,
     );
@@ -97,6 +112,10 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         shop::notice(sentence);
     }
     let faults = shifted.map(planted).into_iter().collect();
+    let told = take_up
+        .as_ref()
+        .map(|take_up| tell_take_up(take_up, &program, &tables, (&acting, &mut directory), start))
+        .transpose()?;
     let order = Order {
         work: Work::Program(&program),
         machine: &machine,
@@ -113,6 +132,12 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         stop: Some(&stop),
         level: acting.level.map(ledger::Level::number),
         found: edited.clone(),
+        asked: Asked {
+            take_up: take_up.as_ref().zip(told.as_ref()),
+            overriding,
+            plan: Some(&found.remaining),
+            approach,
+        },
     };
     let done = execute(&order, &mut directory, None)?;
     tell_outcome(&done, &program.name, &machine, &all, (&acting, edited.as_deref()), common)
@@ -130,6 +155,112 @@ fn check_passed(all: &[Check]) -> Result<(), Failure> {
         why.join("; ")
     )))
 }
+
+/// The program, from where it is taken up.
+fn stream_of<'a>(
+    program: &'a Program,
+    tables: &Tables,
+    take_up: Option<&TakeUp>,
+) -> Result<Box<dyn ProgramStream + 'a>, Failure> {
+    let whole = program.stream(tables)?;
+    Ok(match take_up {
+        Some(take_up) => Box::new(take_up.stream(whole)?),
+        None => whole,
+    })
+}
+
+/// Where the program is taken up, if it is: only by somebody who may. A run that begins at the beginning is told what was left before.
+fn taken_up(
+    args: &RunArgs,
+    program: &Program,
+    tables: &Tables,
+    machine: &MachineFile,
+    (acting, directory): (&Acting, &mut DataDirectory),
+    start: Timestamp,
+) -> Result<Option<TakeUp>, Failure> {
+    if args.from.is_some() || args.resume.is_some() {
+        acting.must(Action::Restart, directory, start)?;
+    }
+    let found = match (&args.from, &args.resume) {
+        (Some(step), _) => taking_up::from(step, program, tables, machine)?,
+        (None, Some(job)) => taking_up::resumed(job, program, tables, machine, directory)?,
+        (None, None) => {
+            if let Some(left) = taking_up::left_over(program, tables, machine, directory)? {
+                shop::notice(&left);
+            }
+            return Ok(None);
+        }
+    };
+    if found.is_none() {
+        shop::notice("nothing moves before that step: the program is run from its beginning");
+    }
+    Ok(found)
+}
+
+/// Tells the log and the person where the program is taken up.
+fn tell_take_up(
+    take_up: &TakeUp,
+    program: &Program,
+    tables: &Tables,
+    (acting, directory): (&Acting, &mut DataDirectory),
+    start: Timestamp,
+) -> Result<TakenUp, Failure> {
+    let told = take_up.told(program.stream(tables)?, acting)?;
+    let mut detail = acting.detail();
+    detail.insert("program".to_owned(), program.name.as_str().into());
+    detail.insert("program_sha256".to_owned(), program.hash.to_string().into());
+    detail.insert("at".to_owned(), told.at.as_str().into());
+    detail.insert("step".to_owned(), told.step.into());
+    detail.insert("after_job".to_owned(), told.after_job.into());
+    detail.insert("restored".to_owned(), told.restored.clone().into());
+    detail.insert("left_out".to_owned(), told.left_out.clone().into());
+    directory
+        .append(start, Action::Restart.word(), detail)
+        .map_err(shop::failure)?;
+    shop::notice(&told.line());
+    if let Some(left_out) = told.left_out_line() {
+        shop::notice(&left_out);
+    }
+    Ok(told)
+}
+
+/// Overrides and holds that the command line asks for.
+fn overriding_of(args: &RunArgs) -> Result<Overriding, Failure> {
+    let overriding = Overriding::of(
+        args.feed_override.as_deref(),
+        args.rapid_override.as_deref(),
+        args.spindle_override.as_deref(),
+        args.overrides.as_deref(),
+    )?;
+    let is_zero = overriding.constant.is_some_and(|o| o.feed == 0 || o.rapid == 0);
+    if is_zero && overriding.script.is_empty() {
+        return Err(Failure::usage(
+            "an override of 0 % for the whole run never comes to its end; turn it up later with --overrides F, or use hold and resume there",
+        ));
+    }
+    Ok(overriding)
+}
+
+/// How far from its path the machine may be led back.
+fn approach_of(args: &RunArgs, common: &Common) -> Result<Option<f64>, Failure> {
+    let behind = address::is_address(&common.machine);
+    if args.overrides.is_some() && behind {
+        return Err(Failure::usage(
+            "--overrides is a script for simulated runs in this process; a machine behind tcp:// has its own switches, and --feed-override holds for a whole run",
+        ));
+    }
+    match args.approach {
+        None => Ok(None),
+        Some(_) if !behind => Err(Failure::usage("--approach is for a machine behind tcp://")),
+        Some(distance) if distance > 0.0 && distance <= MOST_APPROACH => Ok(Some(distance)),
+        Some(distance) => Err(Failure::usage(format_args!(
+            "--approach {distance}: a length above 0 and up to {MOST_APPROACH} mm was expected; from further away --resume takes the job up from above"
+        ))),
+    }
+}
+
+/// From further away than this nobody is led straight back to a path, mm.
+const MOST_APPROACH: f64 = 100.0;
 
 /// A run over the published text protocol: the plan goes out, and the record is the controller's.
 fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done {
@@ -151,9 +282,11 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
     directory.take_over(&machine, &acting.name, start).map_err(shop::failure)?;
     let tables = directory.tables(&machine).map_err(shop::failure)?;
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
-    let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
+    let take_up = taken_up(args, program, &tables, &machine, (&acting, &mut directory), start)?;
+    let stream = || stream_of(program, &tables, take_up.as_ref());
+    let found = survey(stream()?, &tables, shop::limits(&machine));
     let mut all = checks(&found, travels(&machine), &tables);
-    functions::checks_of_text_link(&functions::look(program, &tables)?, &mut all);
+    functions::checks_of_text_link(&functions::look_at(&mut *stream()?, &program.name), &mut all);
     if !common.json {
         all.iter().filter(|c| c.state != State::Ok).for_each(print);
     }
@@ -164,7 +297,11 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
         .iter()
         .map(|(n, tool)| (n.0, tool.geometry.0.xyz[2] + tool.wear.0.xyz[2]))
         .collect();
-    let mut source = Trajectory::new(program.stream(&tables)?, tables.position, shop::limits(&machine));
+    let told = take_up
+        .as_ref()
+        .map(|take_up| tell_take_up(take_up, program, &tables, (&acting, &mut directory), start))
+        .transpose()?;
+    let mut source = Trajectory::new(stream()?, tables.position, shop::limits(&machine));
     let port = args.report_port.or(machine.link.report_port).unwrap_or(REPORT_PORT);
     let address = address::read(&common.machine)?;
     let done = text_run::run(&address, port, &shop::parameters(&machine), lengths, &mut source, &stop)?;
@@ -178,6 +315,7 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
             "commands": done.commands,
             "told": done.told,
             "losses": losses,
+            "restart": told,
             "checks": all,
         }))?;
     } else {
@@ -300,6 +438,11 @@ pub fn tell_outcome(
             "report": done.rebuild.report,
             "printed": done.printed.lines,
             "driven": done.driven,
+            "restart": done.course.restart,
+            "time": done.course.time,
+            "overrides": done.course.overridden.overrides,
+            "holds": done.course.overridden.holds,
+            "held_s": done.course.overridden.held_s,
             "functions": done.printed.functions,
             "by": acting.json(),
             "edited_outside": edited,
@@ -316,6 +459,7 @@ pub fn tell_outcome(
         if let Some(driven) = &done.driven {
             say(&format!("  {}", driven.line()));
         }
+        done.course.lines().iter().for_each(|line| say(&format!("  {line}")));
         for gap in &done.gaps {
             say(&format!("warning: the record has a gap: {gap}"));
         }

@@ -2,6 +2,7 @@
 
 use super::remote::{Heard, Remote};
 use crate::failure::Failure;
+use crate::foreseen::Foresight;
 use crate::progress::Progress;
 use crate::survey::minutes;
 use cell::events::Detail;
@@ -11,13 +12,14 @@ use cell::sink::RunDigest;
 use cell::{CommandSource, OfficeHalf, RecordSink};
 use ledger::Event;
 use machine::watch::{Firing, LoadError};
-use machine::{Counters, Quality, Report, Request, Sample, State};
+use machine::{Counters, Overrides, Quality, Report, Request, Sample, State};
 use serde::Serialize;
+use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use trace::record::{Row, Stream};
-use units::Tick;
+use units::{StepId, Tick};
 
 /// How often the planner gives more, when reports come more seldom.
 const LOOK: Duration = Duration::from_millis(5);
@@ -114,7 +116,7 @@ pub fn make_ready(remote: &Remote) -> Result<Report, Failure> {
 }
 
 /// What a run on a link needs beside the office half.
-pub struct Drive<'a> {
+pub struct Drive<'a, 'p> {
     /// The link.
     pub remote: &'a Remote,
     /// A person wants the machine to stop.
@@ -123,6 +125,12 @@ pub struct Drive<'a> {
     pub requests: &'a dyn Fn() -> Option<Request>,
     /// What the machine is to know before anything moves: the program's conditions, numbered from 0, and the diameters of its tools.
     pub loads: Vec<Load>,
+    /// Overrides for the whole run; what was in force before comes back at its end.
+    pub overrides: Option<Overrides>,
+    /// How far from the path the machine may be led back to it by itself, mm.
+    pub approach: Option<f64>,
+    /// How far the run is on its plan.
+    pub far: &'a RefCell<Foresight<'p>>,
     /// Hears of every cycle.
     pub watch: &'a dyn Fn(&Report),
 }
@@ -177,7 +185,7 @@ pub type Keep<'k, K> = dyn FnMut(Tick, &mut K, bool) -> Result<(), Failure> + 'k
 /// # Errors
 /// The link is over for good, or something could not be kept.
 pub fn run<S: CommandSource, K: RecordSink>(
-    drive: &Drive<'_>,
+    drive: &Drive<'_, '_>,
     mut office: OfficeHalf<'_, S>,
     started: Detail,
     sink: &mut K,
@@ -185,6 +193,10 @@ pub fn run<S: CommandSource, K: RecordSink>(
 ) -> Result<(Outcome, Driven), Failure> {
     let remote = drive.remote;
     load(remote, &drive.loads)?;
+    if let Some(distance) = drive.approach {
+        remote.allow_approach(distance);
+    }
+    let overrides = drive.overrides.map(|wanted| Turned::to(remote, wanted)).transpose()?;
     remote.begin_record();
     let mut seen = Seen::new(sink);
     office.tell("job-started", Tick(0), started, &mut seen);
@@ -192,6 +204,7 @@ pub fn run<S: CommandSource, K: RecordSink>(
     let mut first: Option<Report> = None;
     let mut now = Tick(0);
     let mut stop_asked = false;
+    let mut told_displaced = false;
     let mut kept_at = 0;
     // The machine has what the office wants loaded, and has not answered yet.
     let mut loading = false;
@@ -241,16 +254,31 @@ pub fn run<S: CommandSource, K: RecordSink>(
             kept_at = now.0;
             keep(now, seen.sink, ended)?;
         }
-        let depth = remote.status().0.ahead;
+        let status = remote.status().0;
+        let step = first.and(seen.last).map_or(StepId::NONE, |sample| sample.step);
+        drive.far.borrow_mut().at(now, step, status.path_length);
+        match status.displaced {
+            Some(distance) if !told_displaced => {
+                told_displaced = true;
+                eprintln!("notice: {}", displaced(distance));
+            }
+            None => told_displaced = false,
+            _ => {}
+        }
+        let depth = status.ahead;
         progress.at(|| {
             format!(
-                "{} of machine time, buffer {depth} ms, following error {:.4} mm, {} late ticks",
+                "{}{} of machine time, buffer {depth} ms, following error {:.4} mm, {} late ticks",
+                drive.far.borrow().words(),
                 minutes(now.seconds().0),
                 seen.following.iter().copied().fold(0.0, f64::max),
                 seen.counters.late_ticks
             )
         });
         if let Some(ended) = office.ended() {
+            if let Some(overrides) = overrides {
+                overrides.back(remote);
+            }
             let (status, cuts) = remote.status();
             let ticks = Tick(now.0 + 1);
             let outcome = Outcome {
@@ -267,6 +295,47 @@ pub fn run<S: CommandSource, K: RecordSink>(
             };
             return Ok((outcome, seen.driven(&remote.address.to_string(), cuts, status.resumed)));
         }
+    }
+}
+
+/// What is said when the machine stands beside its path and does not go back by itself.
+fn displaced(distance: f64) -> String {
+    format!(
+        "the machine stands {distance:.2} mm from its path and does not go on. Look at what lies between. Then stop this run (Ctrl-C) and take          the job up from above with toolmark run ... --resume last; or run with --approach {}, which lets it go straight back at 10 mm/s          from so far away",
+        (distance + 1.0).ceil()
+    )
+}
+
+/// Overrides of the machine that were turned for a run.
+struct Turned {
+    before: Overrides,
+}
+
+impl Turned {
+    /// Turns them, and waits until they are in force.
+    fn to(remote: &Remote, wanted: Overrides) -> Result<Turned, Failure> {
+        let asked = Instant::now();
+        let before = remote
+            .last_report()?
+            .map_or_else(Overrides::default, |report| report.overrides);
+        remote.request(Request::Override(wanted));
+        while remote
+            .last_report()?
+            .is_none_or(|report| report.overrides != wanted.limited())
+        {
+            if asked.elapsed() > BECOMING_READY {
+                return Err(Failure::machine(format_args!(
+                    "{}: the machine does not take the overrides; nothing was moved",
+                    remote.address
+                )));
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Ok(Turned { before })
+    }
+
+    fn back(self, remote: &Remote) {
+        remote.request(Request::Override(self.before));
     }
 }
 
@@ -312,6 +381,7 @@ struct Seen<'s, K> {
     sink: &'s mut K,
     digest: RunDigest,
     samples: u64,
+    last: Option<Sample>,
     counters: Counters,
     following: [f64; 3],
     squares: [f64; 3],
@@ -331,6 +401,7 @@ impl<'s, K> Seen<'s, K> {
             sink,
             digest: RunDigest::default(),
             samples: 0,
+            last: None,
             counters: Counters::default(),
             following: [0.0; 3],
             squares: [0.0; 3],
@@ -344,6 +415,7 @@ impl<'s, K> Seen<'s, K> {
     fn report(&mut self, report: &Report, depth: u64) {
         self.counters = report.counters;
         let sample = &report.sample;
+        self.last = Some(*sample);
         let moves = report.state == State::Running && sample.path_speed > 0.0;
         for k in 0..3 {
             let error = (sample.commanded[k] - sample.actual[k]).abs();

@@ -68,6 +68,8 @@ struct Shared {
     last: Option<Report>,
     /// Every report is wanted from here on.
     recording: bool,
+    /// How far from the path the machine may be led back to it, mm.
+    approach: f64,
     /// Nobody wants anything of the machine any more.
     over: bool,
 }
@@ -168,6 +170,11 @@ impl Remote {
     /// Asks for something. Sixty-four requests that nobody has taken are enough: the rest is dropped, and the caller asks again.
     pub fn request(&self, request: Request) {
         let _ = self.requests.try_send(request);
+    }
+
+    /// Lets the machine go back to its path straight and slowly from so far away, mm, when a person gives cycle start after a stop.
+    pub fn allow_approach(&self, distance: f64) {
+        self.lock().approach = distance;
     }
 
     /// Gives the machine a condition or a tool to know.
@@ -383,6 +390,8 @@ impl Speaker {
         while let Ok(request) = self.requests.try_recv() {
             self.sender.request(request);
         }
+        let approach = self.lock().approach;
+        self.sender.allow_approach(approach);
         if !self.over && self.lock().over {
             self.over = true;
             self.sender.finish();

@@ -379,6 +379,11 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         self.emit(kind, StepId::NONE, now, data, sink);
     }
 
+    /// Somebody else stands at the machine from here on, or does something else.
+    pub fn attended_by(&mut self, operator: Operator) {
+        self.operator = operator;
+    }
+
     /// How the run ended; `None` while it goes on.
     pub fn ended(&self) -> Option<&Ended> {
         self.ended.as_ref()

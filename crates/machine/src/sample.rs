@@ -1,5 +1,6 @@
 //! What the machine reports, every servo cycle, and the table of channels that a record is made of.
 
+use crate::overrides::Overrides;
 use units::{StepId, Tick, ToolNumber, WorkingstepId};
 
 /// What the machine was doing in a cycle.
@@ -73,6 +74,8 @@ pub struct Sample {
     pub spindle_speed: f64,
     /// Spindle torque, percent of rated.
     pub spindle_load: f64,
+    /// The overrides in force.
+    pub overrides: Overrides,
 }
 
 /// One measured column of a record: name, unit and scale are the same in program, log, agent and HMI.
@@ -206,6 +209,24 @@ pub const CHANNELS: &[Channel] = &[
         unit: "PERCENT",
         scale: 1e-1,
         read: |s| s.spindle_load,
+    },
+    Channel {
+        name: "PATH.PATH_FEEDRATE_OVERRIDE.PROGRAMMED",
+        unit: "PERCENT",
+        scale: 1.0,
+        read: |s| f64::from(s.overrides.feed),
+    },
+    Channel {
+        name: "PATH.PATH_FEEDRATE_OVERRIDE.RAPID",
+        unit: "PERCENT",
+        scale: 1.0,
+        read: |s| f64::from(s.overrides.rapid),
+    },
+    Channel {
+        name: "S1.ROTARY_VELOCITY_OVERRIDE",
+        unit: "PERCENT",
+        scale: 1.0,
+        read: |s| f64::from(s.overrides.spindle),
     },
 ];
 

@@ -18,7 +18,7 @@ use super::crc::crc32c;
 use super::wire::{Reader, Wire, WireError, Writer};
 
 /// The version that this side speaks.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 3;
 /// Bytes of a frame at most: a block of set-points and its stop tail.
 pub const FRAME: usize = 48 * 1024;
 /// Bytes before the payload.

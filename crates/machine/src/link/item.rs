@@ -163,6 +163,7 @@ wire_struct!(Sample {
     path_speed,
     spindle_speed,
     spindle_load,
+    overrides,
 });
 wire_enum!(Phase {
     0 = Ready,

@@ -1,0 +1,773 @@
+//! Taking a program up in the middle: which step a person means by a name, a number, a block or a line; what is in force there; and where an
+//! earlier run of it was left.
+//!
+//! The program is read twice from its beginning without moving anything: once to find the step, once to know what was begun before it. Its
+//! questions on the way are answered as in the run that is taken up, or as without a machine.
+
+use crate::commands::trace::job_named;
+use crate::failure::Failure;
+use crate::files::FileSource;
+use crate::people::Acting;
+use crate::program::{Kind, Program};
+use crate::shop;
+use crate::survey::beforehand;
+use cell::{Approach, Restarted};
+use ledger::Event;
+use plan::{
+    Answer, ByteSource, CoolantState, Level, Marker, Modal, Next, Place, ProgramStream, Question, RawNcFunction, SpindleMode,
+    SpindleState, Step, StepKind, Tables,
+};
+use serde::Serialize;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use store::machine_file::{HomeEnd, MachineKind};
+use store::{DataDirectory, Ending, Job, JobState, Log, MachineFile};
+use trace::survey::Survey;
+use units::{Axis, Millimetres, MmPerSec, StepId};
+
+/// How far above the path the rapid of the way in ends.
+const CLEARANCE: Millimetres = Millimetres(2.0);
+/// Feed from there, and of the link's own way back to a path.
+const ONTO_THE_PATH: MmPerSec = MmPerSec(10.0);
+/// Names in a message at most.
+const SHOWN: usize = 12;
+/// Events of a job that are read at once.
+const EVENTS: usize = 10_000;
+
+/// Where a program is taken up, and with what.
+#[derive(Clone, Debug)]
+pub struct TakeUp {
+    /// The first step that is run.
+    pub at: StepId,
+    /// Where that is, for people.
+    pub place: String,
+    /// Workingsteps that are left out, whole or with their beginning.
+    pub left_out: Vec<String>,
+    /// The job whose run is taken up.
+    pub after_job: Option<i64>,
+    /// Functions that were begun before and go on, with the number of parts that lie open around them.
+    functions: Vec<(usize, RawNcFunction)>,
+    answers: Answers,
+    approach: Approach,
+}
+
+/// What a report says of it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TakenUp {
+    /// Where.
+    pub at: String,
+    /// The number of the first step that was run.
+    pub step: u32,
+    /// By whom.
+    pub by: Value,
+    /// The job whose run was taken up.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub after_job: Option<i64>,
+    /// What was put in force again, in order.
+    pub restored: Vec<String>,
+    /// What the run left out.
+    pub left_out: Vec<String>,
+}
+
+impl TakenUp {
+    /// In a sentence.
+    pub fn line(&self) -> String {
+        let name = self.by.get("name").and_then(Value::as_str).unwrap_or("somebody");
+        let level = self.by.get("level").and_then(Value::as_u64);
+        let level = level.map_or_else(String::new, |level| format!(", level {level}"));
+        let after = self.after_job.map_or_else(String::new, |job| format!(" of job {job}"));
+        format!(
+            "taken up{after} at {} by {name}{level}; restored: {}",
+            self.at,
+            self.restored.join(", ")
+        )
+    }
+
+    /// What was not run, in a sentence.
+    pub fn left_out_line(&self) -> Option<String> {
+        (!self.left_out.is_empty()).then(|| format!("left out by the restart, and not judged: {}", listed(&self.left_out)))
+    }
+}
+
+impl TakeUp {
+    /// The program from there on.
+    ///
+    /// # Errors
+    /// It does not come that far.
+    pub fn stream<'a>(&self, program: Box<dyn ProgramStream + 'a>) -> Result<Restarted<'a>, Failure> {
+        let mut answers = self.answers.clone();
+        let taken = Restarted::new(program, self.at, self.approach, &self.functions, &mut |q| answers.answer(q));
+        taken.map_err(|why| Failure::negative(format_args!("error: {} cannot be taken up: {why}", self.place)))
+    }
+
+    /// What a report says of it.
+    ///
+    /// # Errors
+    /// The program does not come that far.
+    pub fn told(&self, program: Box<dyn ProgramStream + '_>, acting: &Acting) -> Result<TakenUp, Failure> {
+        let stream = self.stream(program)?;
+        Ok(TakenUp {
+            at: self.place.clone(),
+            step: self.at.0,
+            by: acting.json(),
+            after_job: self.after_job,
+            restored: stream.put_in().filter_map(words_of).collect(),
+            left_out: self.left_out.clone(),
+        })
+    }
+}
+
+/// What was put in, for people; `None` for what only leads there.
+fn words_of(kind: &StepKind) -> Option<String> {
+    Some(match kind {
+        StepKind::Tool(tool) if tool.name.is_empty() => tool.number.to_string(),
+        StepKind::Tool(tool) => format!("{} {}", tool.number, tool.name),
+        StepKind::Frame(frame) if frame.name.is_empty() => "the set-up".to_owned(),
+        StepKind::Frame(frame) => frame.name.clone(),
+        StepKind::ToolOffset(offset) if offset.number == 0 => return None,
+        StepKind::ToolOffset(offset) => format!("tool offset {}", offset.number),
+        StepKind::Spindle(spindle) => spindle_words(spindle),
+        StepKind::Coolant(coolant) => coolant_words(coolant),
+        StepKind::NcFunction(function) => function.text.trim().to_owned(),
+        _ => return None,
+    })
+}
+
+fn spindle_words(spindle: &SpindleState) -> String {
+    let (mode, way) = match spindle {
+        SpindleState::Stopped => return "spindle stopped".to_owned(),
+        SpindleState::Oriented => return "spindle oriented".to_owned(),
+        SpindleState::Clockwise(mode) => (mode, "clockwise"),
+        SpindleState::Counterclockwise(mode) => (mode, "counterclockwise"),
+    };
+    match mode {
+        SpindleMode::Revolutions(n) => format!("spindle {:.0} rev/min {way}", n.0),
+        SpindleMode::Surface { speed, limit } => {
+            format!("spindle {:.0} m/min {way}, at most {:.0} rev/min", speed.0 * 0.06, limit.0)
+        }
+    }
+}
+
+fn coolant_words(coolant: &CoolantState) -> String {
+    let open = [
+        (coolant.flood, "flood"),
+        (coolant.mist, "mist"),
+        (coolant.through, "through the spindle"),
+    ];
+    let open: Vec<&str> = open.iter().filter(|(on, _)| *on).map(|(_, name)| *name).collect();
+    if open.is_empty() {
+        "coolant off".to_owned()
+    } else {
+        format!("coolant {}", open.join(" and "))
+    }
+}
+
+/// What the program asks on the way, answered as in the run before, as far as its log goes.
+#[derive(Clone, Debug, Default)]
+struct Answers {
+    of_the_run: std::collections::VecDeque<Option<Value>>,
+}
+
+impl Answers {
+    fn of(directory: &DataDirectory, job: &Job) -> Result<Answers, Failure> {
+        let mut of_the_run = std::collections::VecDeque::new();
+        each_event(directory, job, |event| {
+            if event.kind == "question" {
+                of_the_run.push_back(event.detail.get("answer").cloned());
+            }
+        })?;
+        Ok(Answers { of_the_run })
+    }
+
+    fn answer(&mut self, question: &Question) -> Answer {
+        let Some(told) = self.of_the_run.pop_front() else {
+            return beforehand(question);
+        };
+        let place = |value: &Value| {
+            let list: Vec<f64> = value.as_array()?.iter().filter_map(Value::as_f64).collect();
+            <[f64; 3]>::try_from(list).ok().map(units::Point::from_xyz)
+        };
+        // The log leaves out what is null: a number that was vacant, a signal that did not come.
+        match (question, told) {
+            (_, Some(Value::String(_))) => Answer::Unknown,
+            (Question::OptionalStop | Question::Condition(_), Some(Value::Bool(truth))) => Answer::Truth(truth),
+            (Question::Number(_), number) => Answer::Number(number.and_then(|n| n.as_f64())),
+            (Question::Skip { .. }, found) => Answer::Place(found.as_ref().and_then(place)),
+            _ => beforehand(question),
+        }
+    }
+}
+
+fn each_event(directory: &DataDirectory, job: &Job, mut hear: impl FnMut(&Event)) -> Result<(), Failure> {
+    let mut from = 1;
+    loop {
+        let events = directory.events(Log::Job(job.id), from, EVENTS).map_err(shop::failure)?;
+        let Some(last) = events.last() else { return Ok(()) };
+        from = last.sequence + 1;
+        events.iter().for_each(&mut hear);
+    }
+}
+
+/// What a person means by a step.
+#[derive(Clone, Debug, PartialEq)]
+enum Meant {
+    /// A workingstep by its name, and those of the workplans around it before.
+    Names(Vec<String>),
+    /// The n-th workingstep.
+    Number(u32),
+    /// A STEP instance.
+    Entity(u64),
+    /// A line of the program's own file.
+    Line(u32),
+    /// A step of the stream.
+    Step(u32),
+}
+
+/// A step that could be meant.
+struct Candidate {
+    step: StepId,
+    place: String,
+}
+
+/// Reads `--from`: what is meant, in order of preference, and which of several.
+fn meant(asked: &str) -> (Vec<Meant>, Option<usize>) {
+    let asked = asked.trim();
+    let (text, pick) = match asked.strip_suffix(']').and_then(|rest| rest.rsplit_once('[')) {
+        Some((text, n)) if n.parse::<usize>().is_ok_and(|n| n > 0) => (text.trim_end(), n.parse().ok()),
+        _ => (asked, None),
+    };
+    let number = |prefix: &str| {
+        let head = text.get(..prefix.len()).filter(|head| head.eq_ignore_ascii_case(prefix))?;
+        text[head.len()..].trim_start().strip_prefix(':')?.trim().parse::<u32>().ok()
+    };
+    let mut all = vec![Meant::Names(names(text))];
+    all.extend(number("line").map(Meant::Line));
+    all.extend(number("step").map(Meant::Step));
+    all.extend(text.strip_prefix('#').and_then(|id| id.parse().ok()).map(Meant::Entity));
+    all.extend(text.parse().ok().map(Meant::Number));
+    (all, pick)
+}
+
+/// Names joined by `/`; `\/` is one within a name.
+fn names(text: &str) -> Vec<String> {
+    let mut names = vec![String::new()];
+    let mut letters = text.chars().peekable();
+    while let Some(letter) = letters.next() {
+        let last = names.len() - 1;
+        match letter {
+            '\\' if letters.peek() == Some(&'/') => names[last].extend(letters.next()),
+            '/' => names.push(String::new()),
+            letter => names[last].push(letter),
+        }
+    }
+    names
+}
+
+/// The number of a block, `N120`.
+fn block_number(text: &str) -> Option<u32> {
+    let digits = text.strip_prefix(['N', 'n'])?;
+    digits.parse().ok().filter(|_| digits.chars().all(|c| c.is_ascii_digit()))
+}
+
+/// Walks through a program without moving anything.
+fn walk(
+    program: &Program,
+    tables: &Tables,
+    answers: &Answers,
+    mut each: impl FnMut(&Step, &Modal) -> bool,
+) -> Result<Option<String>, Failure> {
+    let mut stream = program.stream(tables)?;
+    let mut answers = answers.clone();
+    let mut modal = Modal::default();
+    let mut reply = None;
+    loop {
+        match stream.next(reply.take()) {
+            Next::Step(step) => {
+                if !each(&step, &modal) {
+                    return Ok(None);
+                }
+                modal.follow(&step);
+            }
+            Next::Ask(question) => reply = Some(answers.answer(&question)),
+            Next::End => return Ok(None),
+            Next::Alarm(alarm) => return Ok(Some(alarm.to_string())),
+        }
+    }
+}
+
+/// What is found of a step in a program.
+struct Found {
+    /// For each meaning, in order of preference.
+    candidates: Vec<Vec<Candidate>>,
+    workingsteps: Vec<String>,
+    lines: Option<(u32, u32)>,
+    /// Why the program was not read to its end.
+    alarm: Option<String>,
+}
+
+fn look(program: &Program, tables: &Tables, answers: &Answers, wanted: &[Meant]) -> Result<Found, Failure> {
+    let heads = Heads::of(program);
+    let mut candidates: Vec<Vec<Candidate>> = wanted.iter().map(|_| vec![]).collect();
+    let (mut workingsteps, mut number) = (vec![], 0);
+    let mut lines: Option<(u32, u32)> = None;
+    let mut last_line = None;
+    // The first step of a later line, where a line has no step of its own.
+    let mut after: Vec<Option<Candidate>> = wanted.iter().map(|_| None).collect();
+    let alarm = walk(program, tables, answers, |step, modal| {
+        let line = line_of(step);
+        if let Some(line) = line {
+            lines = Some(lines.map_or((line, line), |(a, b)| (a.min(line), b.max(line))));
+        }
+        let begins = match &step.kind {
+            StepKind::Begin(marker) if marker.level == Level::Workingstep => Some(marker),
+            _ => None,
+        };
+        if let Some(marker) = begins {
+            number += 1;
+            workingsteps.push(format!("{number} '{}'", marker.name));
+        }
+        for ((meant, found), after) in wanted.iter().zip(&mut candidates).zip(&mut after) {
+            let is_it = match (meant, begins, &step.kind) {
+                (Meant::Names(names), Some(marker), _) => is_named(names, marker, modal),
+                (Meant::Number(n), Some(_), _) => *n == number,
+                (Meant::Entity(id), _, StepKind::Begin(marker)) => marker.entity == Some(*id),
+                (Meant::Line(n), _, _) => line == Some(*n) && last_line != line,
+                (Meant::Step(n), _, _) => step.id.0 == *n,
+                _ => false,
+            };
+            if is_it {
+                found.push(Candidate {
+                    step: step.id,
+                    place: place_words(program, &heads, step, begins, modal, number),
+                });
+            }
+            if let Meant::Line(n) = meant
+                && after.is_none()
+                && line.is_some_and(|line| line > *n)
+            {
+                let place = place_words(program, &heads, step, begins, modal, number);
+                *after = Some(Candidate {
+                    step: step.id,
+                    place: format!("{place}; line {n} itself does nothing"),
+                });
+            }
+        }
+        last_line = line;
+        true
+    })?;
+    for ((meant, found), after) in wanted.iter().zip(&mut candidates).zip(after) {
+        if let Meant::Line(n) = meant
+            && found.is_empty()
+            && heads.has_line(*n)
+        {
+            found.extend(after);
+        }
+    }
+    Ok(Found {
+        candidates,
+        workingsteps,
+        lines,
+        alarm,
+    })
+}
+
+/// True for a workingstep of that name, within workplans of the names before it.
+fn is_named(names: &[String], marker: &Marker, modal: &Modal) -> bool {
+    let within = modal
+        .open
+        .iter()
+        .filter(|m| m.level == Level::Workplan)
+        .map(|m| m.name.as_str());
+    let whole: Vec<&str> = within.chain([marker.name.as_str()]).collect();
+    let same = |(name, asked): (&&str, &String)| **name == *asked;
+    names.len() <= whole.len() && whole[whole.len() - names.len()..].iter().zip(names).all(same)
+}
+
+/// The line of the program's own file that a step stands in.
+fn line_of(step: &Step) -> Option<u32> {
+    match step.origin.place {
+        Place::Text { line, .. } if step.origin.file.0 == 0 => Some(line),
+        _ => None,
+    }
+}
+
+fn place_words(program: &Program, heads: &Heads, step: &Step, begins: Option<&Marker>, modal: &Modal, number: u32) -> String {
+    let mut words = String::new();
+    if let Some(line) = line_of(step) {
+        words = format!("line {line}");
+        if let Some(block) = heads.number_of(line) {
+            words = format!("N{block} ({words})");
+        }
+    }
+    let inside = begins.or_else(|| modal.within(Level::Workingstep));
+    let name = inside.map(|marker| format!("workingstep {number} '{}'", marker.name));
+    let path = modal
+        .within(Level::Toolpath)
+        .filter(|m| begins.is_none() && !m.name.is_empty());
+    match (name, words.is_empty()) {
+        (Some(name), true) => match path {
+            Some(path) => format!("step {} on '{}' in {name}", step.id.0, path.name),
+            None if begins.is_some() => name,
+            None => format!("step {} in {name}", step.id.0),
+        },
+        (Some(name), false) if begins.is_some() => format!("{name}, {words}"),
+        (Some(name), false) => format!("{words} in {name}"),
+        (None, true) => format!("step {} of {}", step.id.0, program.name),
+        (None, false) => words,
+    }
+}
+
+/// Numbers of blocks of a text program, `N120`, by line.
+#[derive(Default)]
+struct Heads {
+    numbers: Vec<(u32, u32)>,
+    lines: u32,
+}
+
+impl Heads {
+    /// Reads them in windows; a program that has no blocks, or cannot be read any more, has none: its stream says why.
+    fn of(program: &Program) -> Heads {
+        let mut heads = Heads::default();
+        if program.step_nc().is_some() {
+            return heads;
+        }
+        let Ok(mut source) = FileSource::open(&program.path) else {
+            return heads;
+        };
+        let (mut window, mut offset) = (vec![0; 1 << 16], 0);
+        // The beginning of the line that is being read.
+        let mut head = Vec::with_capacity(16);
+        let mut empty = true;
+        while let Ok(count) = source.read_at(offset, &mut window)
+            && count > 0
+        {
+            for byte in &window[..count] {
+                if *byte == b'\n' {
+                    heads.line(&head);
+                    head.clear();
+                    empty = true;
+                } else {
+                    empty = false;
+                    if head.len() < 16 && !byte.is_ascii_whitespace() {
+                        head.push(*byte);
+                    }
+                }
+            }
+            offset += count as u64;
+        }
+        if !empty {
+            heads.line(&head);
+        }
+        if !matches!(program.kind, Kind::Gcode { .. }) {
+            heads.numbers.clear();
+        }
+        heads
+    }
+
+    fn line(&mut self, head: &[u8]) {
+        self.lines += 1;
+        // `/N120`: a block that can be skipped.
+        let head = head.strip_prefix(b"/").unwrap_or(head);
+        if let Some((b'N' | b'n', digits)) = head.split_first() {
+            let count = digits.iter().take_while(|d| d.is_ascii_digit()).count();
+            let number = std::str::from_utf8(&digits[..count]).ok().and_then(|d| d.parse().ok());
+            self.numbers.extend(number.map(|n: u32| (self.lines, n)));
+        }
+    }
+
+    fn number_of(&self, line: u32) -> Option<u32> {
+        let at = self.numbers.binary_search_by_key(&line, |(line, _)| *line).ok()?;
+        Some(self.numbers[at].1)
+    }
+
+    fn lines_of(&self, number: u32) -> Vec<u32> {
+        self.numbers
+            .iter()
+            .filter(|(_, n)| *n == number)
+            .map(|(line, _)| *line)
+            .collect()
+    }
+
+    fn has_line(&self, line: u32) -> bool {
+        (1..=self.lines).contains(&line)
+    }
+}
+
+/// What a person asked for by `--from`; `None` when that is the beginning.
+///
+/// # Errors
+/// There is no such step, or several, with what there is; or the program cannot be read.
+pub fn from(asked: &str, program: &Program, tables: &Tables, machine: &MachineFile) -> Result<Option<TakeUp>, Failure> {
+    let (mut wanted, pick) = meant(asked);
+    let usage = |what: String| Err(Failure::usage(format_args!("--from {asked}: {what}")));
+    let block = block_number(asked.trim().split('[').next().unwrap_or_default().trim_end());
+    if let Some(number) = block {
+        let lines = Heads::of(program).lines_of(number);
+        if lines.len() > 1 {
+            let lines: Vec<String> = lines.iter().map(|line| format!("line:{line}")).collect();
+            return usage(format!("N{number} stands in several lines; say which: {}", listed(&lines)));
+        }
+        wanted.extend(lines.into_iter().map(Meant::Line));
+    }
+    let answers = Answers::default();
+    let found = look(program, tables, &answers, &wanted)?;
+    let Some(mut candidates) = found.candidates.into_iter().find(|c| !c.is_empty()) else {
+        let mut there = match found.workingsteps.is_empty() {
+            true => "the program has no workingsteps".to_owned(),
+            false => format!("workingsteps are {}", listed(&found.workingsteps)),
+        };
+        if let Some((first, last)) = found.lines {
+            there += &format!("; lines line:{first} to line:{last}, or their N numbers");
+        }
+        if let Some(alarm) = found.alarm {
+            there += &format!("; beyond them the program cannot be read without the machine: {alarm}");
+        }
+        return usage(format!("there is no such step in {}; {there}", program.name));
+    };
+    let at = match pick {
+        Some(n) if n <= candidates.len() => n - 1,
+        Some(_) => {
+            let places: Vec<String> = candidates.iter().map(|c| c.place.clone()).collect();
+            return usage(format!("there are only {}: {}", candidates.len(), listed(&places)));
+        }
+        None if candidates.len() == 1 => 0,
+        None => {
+            let bare = asked.trim();
+            let places: Vec<String> = (candidates.iter().enumerate())
+                .map(|(k, c)| format!("'{bare}[{}]' is {}, step {}", k + 1, c.place, c.step.0))
+                .collect();
+            return usage(format!("it comes {} times; say which: {}", candidates.len(), listed(&places)));
+        }
+    };
+    take_up(program, tables, machine, candidates.swap_remove(at), answers, None)
+}
+
+/// The run of a job taken up where it was left; `None` when it had not begun.
+///
+/// # Errors
+/// It was another program, it came to its end, nothing is known of where it was, or the program cannot be read.
+pub fn resumed(
+    name: &str,
+    program: &Program,
+    tables: &Tables,
+    machine: &MachineFile,
+    directory: &DataDirectory,
+) -> Result<Option<TakeUp>, Failure> {
+    let job = job_named(directory, name)?;
+    if job.program_hash != program.hash {
+        return Err(Failure::usage(format_args!(
+            "--resume {name}: job {} ran {} with other bytes than {} has now; take this one up with --from STEP",
+            job.id, job.program, program.name
+        )));
+    }
+    if job.state == JobState::Over(Ending::Done) {
+        return Err(Failure::usage(format_args!(
+            "--resume {name}: job {} came to its end; there is nothing left of it to run",
+            job.id
+        )));
+    }
+    let Some(step) = last_step(directory, &job)? else {
+        return Err(Failure::usage(format_args!(
+            "--resume {name}: nothing is known of where job {} was; start from the beginning, or with --from STEP",
+            job.id
+        )));
+    };
+    let answers = Answers::of(directory, &job)?;
+    let mut found = look(program, tables, &answers, &[Meant::Step(step.0)])?;
+    match found.candidates.swap_remove(0).pop() {
+        Some(candidate) => take_up(program, tables, machine, candidate, answers, Some(job.id.0)),
+        None => Err(Failure::negative(format_args!(
+            "error: --resume {name}: the program does not come to step {} again: {}",
+            step.0,
+            found.alarm.unwrap_or_else(|| "it ends before".to_owned())
+        ))),
+    }
+}
+
+/// The step in which a run was last seen: of its record, else of its log.
+fn last_step(directory: &DataDirectory, job: &Job) -> Result<Option<StepId>, Failure> {
+    let mut last = StepId::NONE;
+    let records = directory.records().map_err(shop::failure)?;
+    for row in records.into_iter().filter(|row| row.job == job.id) {
+        let reader = store::record::Reader::open(&row.path).map_err(shop::failure)?;
+        for row in reader.rows().map_err(shop::failure)? {
+            let row = row.map_err(shop::failure)?;
+            if row.step != StepId::NONE {
+                last = row.step;
+            }
+        }
+    }
+    if last == StepId::NONE {
+        each_event(directory, job, |event| {
+            let step = event.detail.get("step").and_then(Value::as_u64);
+            if let Some(step) = step.and_then(|s| u32::try_from(s).ok()).filter(|s| *s > 0) {
+                last = StepId(step);
+            }
+        })?;
+    }
+    Ok((last != StepId::NONE).then_some(last))
+}
+
+/// What is to be said of an earlier run of this program on this machine that did not come to its end: it was the last job there.
+///
+/// # Errors
+/// The disk refuses, or the program cannot be read.
+pub fn left_over(
+    program: &Program,
+    tables: &Tables,
+    machine: &MachineFile,
+    directory: &DataDirectory,
+) -> Result<Option<String>, Failure> {
+    let jobs = directory.jobs().map_err(shop::failure)?;
+    let last = jobs.iter().rev().find(|job| job.machine == machine.name);
+    let Some(job) = last.filter(|job| {
+        let left = matches!(job.state, JobState::Over(Ending::Interrupted | Ending::Failed));
+        left && job.program_hash == program.hash
+    }) else {
+        return Ok(None);
+    };
+    let Some(step) = last_step(directory, job)? else {
+        return Ok(None);
+    };
+    let answers = Answers::of(directory, job)?;
+    let mut found = look(program, tables, &answers, &[Meant::Step(step.0)])?;
+    let place = found.candidates.swap_remove(0).pop();
+    let place = place.map_or_else(|| format!("step {}", step.0), |candidate| candidate.place);
+    Ok(Some(format!(
+        "job {} of this program was {} at {place}; this run begins at the beginning. To take it up there: toolmark run {} --resume {}, or \
+         --from STEP for another place",
+        job.id,
+        job.state.word(),
+        program.path.display(),
+        job.id
+    )))
+}
+
+fn take_up(
+    program: &Program,
+    tables: &Tables,
+    machine: &MachineFile,
+    candidate: Candidate,
+    answers: Answers,
+    after_job: Option<i64>,
+) -> Result<Option<TakeUp>, Failure> {
+    let Candidate { step: at, place } = candidate;
+    if at.0 <= 1 {
+        return Ok(None);
+    }
+    let mut survey = Survey::new(&program.name);
+    let mut begun: Vec<(String, Vec<Marker>, RawNcFunction)> = vec![];
+    let mut left_out: Vec<String> = vec![];
+    let (mut moved, mut there) = (false, Modal::default());
+    walk(program, tables, &answers, |step, modal| {
+        if step.id >= at {
+            there = modal.clone();
+            return false;
+        }
+        survey.step(step);
+        match &step.kind {
+            StepKind::Begin(marker) if marker.level == Level::Workingstep => left_out.push(marker.name.clone()),
+            StepKind::Move(_) | StepKind::MachineMove(_) | StepKind::Dwell(_) => moved = true,
+            StepKind::NcFunction(function) => {
+                let active = active(&survey);
+                begun.retain(|(key, ..)| active.contains(key));
+                let known: BTreeSet<&String> = begun.iter().map(|(key, ..)| key).collect();
+                let new: Vec<String> = active.iter().filter(|key| !known.contains(key)).cloned().collect();
+                begun.extend(new.into_iter().map(|key| (key, modal.open.clone(), function.clone())));
+            }
+            StepKind::End(Level::Workplan) => {
+                let active = active(&survey);
+                begun.retain(|(key, ..)| active.contains(key));
+            }
+            _ => {}
+        }
+        true
+    })?;
+    if !moved {
+        // Nothing is left out that moves: the program says the rest itself.
+        return Ok(None);
+    }
+    if there.within(Level::Workingstep).is_some()
+        && let Some(last) = left_out.last_mut()
+    {
+        *last = format!("the beginning of {last}");
+    }
+    let axis = match machine.kind {
+        MachineKind::Mill => 2,
+        MachineKind::Lathe => 0,
+    };
+    let around = |open: &[Marker]| open.iter().zip(&there.open).take_while(|(a, b)| a == b).count();
+    Ok(Some(TakeUp {
+        at,
+        place,
+        left_out,
+        after_job,
+        functions: begun
+            .into_iter()
+            .map(|(_, open, function)| (around(&open), function))
+            .collect(),
+        answers,
+        approach: Approach {
+            axis,
+            free: free_of(machine, axis).max(Millimetres(tables.position.xyz[axis])),
+            clearance: CLEARANCE,
+            feed: ONTO_THE_PATH,
+        },
+    }))
+}
+
+/// What the survey has as begun, as one word each.
+fn active(survey: &Survey) -> BTreeSet<String> {
+    survey.begun().map(|(kind, id)| format!("{kind} {id}")).collect()
+}
+
+/// Where an axis is free of the part: at home, which on a machine whose home is at the other end is the far end of its travel.
+fn free_of(machine: &MachineFile, axis: usize) -> Millimetres {
+    machine
+        .axis(Axis::ALL[axis])
+        .map_or(Millimetres(0.0), |file| match file.home {
+            HomeEnd::Max => Millimetres(0f64.clamp(file.travel_min.0, file.travel_max.0)),
+            HomeEnd::Min => file.travel_max,
+        })
+}
+
+/// The first of many, and how many more there are.
+fn listed(all: &[String]) -> String {
+    let shown = all.iter().take(SHOWN).cloned().collect::<Vec<_>>().join(", ");
+    match all.len().saturating_sub(SHOWN) {
+        0 => shown,
+        more => format!("{shown} and {more} more"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn check(asked: &str, last: &Meant, pick: Option<usize>) {
+        let (all, picked) = meant(asked);
+        assert_eq!((all.last(), picked), (Some(last), pick), "{asked}");
+    }
+
+    #[test]
+    fn a_step_is_said_in_several_ways() {
+        let named = |names: &[&str]| Meant::Names(names.iter().map(|n| (*n).to_owned()).collect());
+        check("round pocket", &named(&["round pocket"]), None);
+        check("round pocket[2]", &named(&["round pocket"]), Some(2));
+        check("MAIN/a\\/b", &named(&["MAIN", "a/b"]), None);
+        check("line:57", &Meant::Line(57), None);
+        check("LINE : 57[3]", &Meant::Line(57), Some(3));
+        check("step:9", &Meant::Step(9), None);
+        check("#255", &Meant::Entity(255), None);
+        check("2", &Meant::Number(2), None);
+        check("line:x", &named(&["line:x"]), None);
+        check("[0]", &named(&["[0]"]), None);
+        check("", &named(&[""]), None);
+        check("ä:1", &named(&["ä:1"]), None);
+        assert_eq!(block_number("N0120"), Some(120));
+        assert_eq!(block_number("N12x"), None);
+        assert_eq!(block_number("N"), None);
+        assert_eq!(block_number("N+5"), None);
+    }
+}
