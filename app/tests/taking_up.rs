@@ -44,7 +44,12 @@ impl Shop {
         let all = [&["run", "--fast", "--json", "--out", &text], args].concat();
         let done = self.toolmark(&all);
         let answer: Value = serde_json::from_slice(&done.stdout).unwrap_or_else(|e| panic!("{e}: {}", words(&done)));
-        assert_eq!((done.status.code(), &answer["ended"]), (Some(0), &"completed".into()), "{}", words(&done));
+        assert_eq!(
+            (done.status.code(), &answer["ended"]),
+            (Some(0), &"completed".into()),
+            "{}",
+            words(&done)
+        );
         (answer, folder)
     }
     #[track_caller]
@@ -52,7 +57,8 @@ impl Shop {
         let done = self.toolmark(args);
         let said = words(&done);
         assert_eq!(done.status.code(), Some(exit), "{args:?}: {said}");
-        says.iter().for_each(|part| assert!(said.contains(part), "{args:?}: {part}: {said}"));
+        says.iter()
+            .for_each(|part| assert!(said.contains(part), "{args:?}: {part}: {said}"));
         assert!(!said.contains("fault of toolmark"), "{said}");
     }
     /// Rows of a job's record: time, step, phase-free columns by name.
@@ -81,20 +87,42 @@ fn a_program_is_taken_up_at_a_block_with_all_that_is_in_force_there_and_nothing_
     let all = names(&whole["report"]);
     assert_eq!(names(report), all[all.len() - 2..], "the face is left out");
     let restart = &part["restart"];
-    assert!(restart["at"].as_str().is_some_and(|at| at.starts_with("N380 (line 45) in workingstep 2")), "{restart}");
+    assert!(
+        restart["at"]
+            .as_str()
+            .is_some_and(|at| at.starts_with("N380 (line 42) in workingstep 2")),
+        "{restart}"
+    );
     let restored = texts(&restart["restored"]);
-    let order = ["T2", "G54", "tool offset 2", "spindle 8000 rev/min clockwise", "coolant flood"];
-    let at = |part: &str| restored.iter().position(|r| r.starts_with(part)).unwrap_or_else(|| panic!("{part}: {restored:?}"));
+    let order = [
+        "T2",
+        "G54",
+        "tool offset 2",
+        "spindle 8000 rev/min clockwise",
+        "coolant flood",
+    ];
+    let at = |part: &str| {
+        restored
+            .iter()
+            .position(|r| r.starts_with(part))
+            .unwrap_or_else(|| panic!("{part}: {restored:?}"))
+    };
     assert!(order.windows(2).all(|pair| at(pair[0]) < at(pair[1])), "{restored:?}");
     assert_eq!(texts(&restart["left_out"]).len(), 2, "{restart}");
     let findings = texts(&report["findings"]).join("\n");
-    assert!(findings.contains("taken up at N380") && findings.contains("left out by the restart"), "{findings}");
+    assert!(
+        findings.contains("taken up at N380") && findings.contains("left out by the restart"),
+        "{findings}"
+    );
     let page = std::fs::read_to_string(folder.join("report.html")).expect("a page");
     assert!(page.contains("taken up at N380"));
     // What ran there is what ran there the first time: the last place is the same, and from its step on the same path.
     let (before, after) = (shop.rows(&whole_folder), shop.rows(&folder));
     let step = restart["step"].as_u64().expect("a step") as u32;
-    assert!(after.iter().all(|row| row.step.0 == 0 || row.step.0 + 1 >= step), "nothing before it ran");
+    assert!(
+        after.iter().all(|row| row.step.0 == 0 || row.step.0 + 1 >= step),
+        "nothing before it ran"
+    );
     let (a, b) = (before.last().expect("rows"), after.last().expect("rows"));
     assert_eq!(a.step, b.step);
     // As-executed holds only what ran.
@@ -124,13 +152,29 @@ fn workingsteps_are_named_numbered_and_told_apart() {
     assert_eq!(by_id["restart"]["step"], named["restart"]["step"]);
     let (first, _) = shop.run("first", &[&bracket, "--from", "1"]);
     assert_eq!(first["restart"], Value::Null, "that is the beginning");
-    shop.refused(&["run", &bracket, "--fast", "--from", "no such step"], 2, &["there is no such step", &format!("3 '{third}'")]);
+    shop.refused(
+        &["run", &bracket, "--fast", "--from", "no such step"],
+        2,
+        &["there is no such step", &format!("3 '{third}'")],
+    );
     shop.refused(&["run", &bracket, "--fast", "--from", "99"], 2, &["there is no such step"]);
-    shop.refused(&["run", &bracket, "--fast", "--from", "line:5"], 2, &["there is no such step"]);
+    shop.refused(
+        &["run", &bracket, "--fast", "--from", "line:5"],
+        2,
+        &["there is no such step"],
+    );
     shop.refused(&["run", &bracket, "--fast", "--from", "N10"], 2, &["there is no such step"]);
     shop.refused(&["run", &bracket, "--fast", "--from", ""], 2, &["there is no such step"]);
-    shop.refused(&["run", &bracket, "--fast", "--from", &format!("{third}[2]")], 2, &["there are only 1"]);
-    shop.refused(&["run", &bracket, "--fast", "--from", "3", "--resume", "1"], 2, &["cannot be used with"]);
+    shop.refused(
+        &["run", &bracket, "--fast", "--from", &format!("{third}[2]")],
+        2,
+        &["there are only 1"],
+    );
+    shop.refused(
+        &["run", &bracket, "--fast", "--from", "3", "--resume", "1"],
+        2,
+        &["cannot be used with"],
+    );
 }
 
 const LOOP: &str = "%\nO1\nG21 G90 G54\nT1 M6\nG43 H1\nS3000 M3\nG0 X0. Y0. Z10.\nG1 Z-1. F600.\n#1=0\nWHILE[#1LT3]DO1\nX[20+#1] F900.\nY[10+#1]\nX0.\nY0.\n\
@@ -142,14 +186,22 @@ fn a_line_of_a_loop_is_said_with_which_of_its_passes() {
     let program = shop.file("loop.nc", LOOP);
     let args = ["run", &program, "--fast", "--from", "line:12"];
     shop.refused(&args, 2, &["it comes 3 times", "'line:12[2]' is line 12"]);
-    shop.refused(&["run", &program, "--fast", "--from", "N7"], 2, &["N7 stands in several lines", "line:18, line:19"]);
+    shop.refused(
+        &["run", &program, "--fast", "--from", "N7"],
+        2,
+        &["N7 stands in several lines", "line:18, line:19"],
+    );
     let (second, _) = shop.run("second", &[&program, "--from", "line:12[2]"]);
     assert_eq!(second["report"]["verdict"], "good");
     // A block that does nothing itself: the next one, and it is said.
     let (next, _) = shop.run("next", &[&program, "--from", "line:15[1]"]);
     let at = next["restart"]["at"].as_str().expect("a place");
     assert!(at.contains("line 15 itself does nothing"), "{at}");
-    shop.refused(&["run", &program, "--fast", "--from", "line:500"], 2, &["there is no such step"]);
+    shop.refused(
+        &["run", &program, "--fast", "--from", "line:500"],
+        2,
+        &["there is no such step"],
+    );
 }
 
 #[test]
@@ -158,7 +210,10 @@ fn a_lathe_program_is_taken_up_with_its_surface_speed() {
     let (part, _) = shop.run("part", &[&corpus("shaft.nc"), "--from", "N490"]);
     assert_eq!(part["report"]["verdict"], "good");
     let restored = texts(&part["restart"]["restored"]).join("; ");
-    assert!(restored.contains("spindle 280 m/min clockwise, at most 3000 rev/min"), "{restored}");
+    assert!(
+        restored.contains("spindle 280 m/min clockwise, at most 3000 rev/min"),
+        "{restored}"
+    );
 }
 
 #[test]
@@ -195,7 +250,10 @@ fn what_functions_had_begun_goes_on_after_the_restart() {
     let program = shop.file("recorded.nc", RECORDED);
     let (run, _) = shop.run("part", &[&program, "--from", "N50"]);
     let restored = texts(&run["restart"]["restored"]).join("\n");
-    assert!(restored.contains("its_function_id=load") && restored.contains("start_synchronized_action"), "{restored}");
+    assert!(
+        restored.contains("its_function_id=load") && restored.contains("start_synchronized_action"),
+        "{restored}"
+    );
     assert!(!restored.contains("gone"), "{restored}");
     let told = run["functions"].as_array().expect("records");
     assert!(told.iter().all(|t| t["data"].get("error").is_none()), "{told:#?}");
@@ -213,7 +271,10 @@ fn a_run_as_an_agent_saw_it_begins_where_it_was_taken_up() {
 fn overrides_and_holds_of_a_script_are_in_force_when_it_says_and_stand_in_record_and_report() {
     let shop = Shop::new();
     let plate = corpus("plate.nc");
-    let script = shop.file("script.txt", "# try it\n12 feed=150 rapid=50\n13.5 hold\n17 resume\n20 feed=60 spindle=90\n25 feed=100\n");
+    let script = shop.file(
+        "script.txt",
+        "# try it\n12 feed=150 rapid=50\n13.5 hold\n17 resume\n20 feed=60 spindle=90\n25 feed=100\n",
+    );
     let (plain, _) = shop.run("plain", &[&plate]);
     let (run, folder) = shop.run("turned", &[&plate, "--overrides", &script]);
     assert_eq!(run["report"]["verdict"], "good");
@@ -263,7 +324,11 @@ fn constant_overrides_make_a_run_slower_or_faster_and_what_is_none_is_refused() 
     refused(&["--feed-override", "0"], "never comes to its end");
     refused(&["--approach", "5"], "--approach is for a machine behind tcp://");
     let script = shop.file("script.txt", "1 hold\n");
-    shop.refused(&["run", &plate, "--fast", "--overrides", &script], 3, &["script.txt:1:1: this hold is never resumed"]);
+    shop.refused(
+        &["run", &plate, "--fast", "--overrides", &script],
+        3,
+        &["script.txt:1:1: this hold is never resumed"],
+    );
     shop.refused(&["run", &plate, "--fast", "--overrides", "/no/such"], 3, &["/no/such"]);
     let behind = ["--machine", "tcp://127.0.0.1:9", "--overrides", &script];
     shop.refused(&[&["run", &plate], &behind[..]].concat(), 3, &["never resumed"]);

@@ -41,6 +41,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
         false,
         &format!("live job of {asked}"),
         start,
+        Duration::ZERO,
     )?;
     let machine = &driver.machine;
     let mut directory = shop::data_directory(common)?;

@@ -7,7 +7,7 @@ use crate::cycle_start::{self, Checked};
 use crate::execution::{Asked, Drives, Order, Run, Work, run as execute};
 use crate::failure::{Exit, Failure};
 use crate::link::remote::{Machine, Remote};
-use crate::link::text_run::REPORT_PORT;
+use crate::link::text_run::{Begins, REPORT_PORT};
 use crate::link::{address, certificates, driving, text_run};
 use crate::overriding::Overriding;
 use crate::people::{self, Acting};
@@ -23,6 +23,7 @@ use motion::Trajectory;
 use plan::{ProgramStream, Tables};
 use serde_json::json;
 use std::path::Path;
+use std::time::Duration;
 use store::{DataDirectory, MachineFile};
 use units::{Point, Seconds, Timestamp};
 
@@ -60,6 +61,11 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         program.turns(),
         &format!("{} of {asked}", program.name),
         start,
+        if args.resume.is_some() {
+            A_DEAD_DRIVER
+        } else {
+            Duration::ZERO
+        },
     )?;
     let machine = driver.machine.clone();
     let stop = super::stopped_by_signals()?;
@@ -259,6 +265,8 @@ fn approach_of(args: &RunArgs, common: &Common) -> Result<Option<f64>, Failure> 
     }
 }
 
+/// A controller keeps the machine for a run that died for five seconds.
+const A_DEAD_DRIVER: Duration = Duration::from_secs(8);
 /// From further away than this nobody is led straight back to a path, mm.
 const MOST_APPROACH: f64 = 100.0;
 
@@ -304,7 +312,12 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
     let mut source = Trajectory::new(stream()?, tables.position, shop::limits(&machine));
     let port = args.report_port.or(machine.link.report_port).unwrap_or(REPORT_PORT);
     let address = address::read(&common.machine)?;
-    let done = text_run::run(&address, port, &shop::parameters(&machine), lengths, &mut source, &stop)?;
+    let begins = match &take_up {
+        Some(take_up) => Begins::AtHome(take_up.stream(program.stream(&tables)?)?.tool()),
+        None => Begins::Here,
+    };
+    let parameters = shop::parameters(&machine);
+    let done = text_run::run(&address, port, (&parameters, begins), lengths, &mut source, &stop)?;
     let losses = done.losses.lines();
     if common.json {
         print_json(&json!({
@@ -359,11 +372,19 @@ pub fn drives_of(driver: &Driver) -> Drives<'_> {
 }
 
 impl Driver {
-    /// The machine that `--machine` means; a controller is connected to, as `name`.
+    /// The machine that `--machine` means; a controller is connected to, as `name`. Another one that drives it is waited for as long as
+    /// `patience`.
     ///
     /// # Errors
     /// The machine file cannot be read, nobody answers, or the controller's machine is another one.
-    pub fn connect(common: &Common, file: Option<&Path>, turns: bool, name: &str, start: Timestamp) -> Result<Driver, Failure> {
+    pub fn connect(
+        common: &Common,
+        file: Option<&Path>,
+        turns: bool,
+        name: &str,
+        start: Timestamp,
+        patience: Duration,
+    ) -> Result<Driver, Failure> {
         if !address::is_address(&common.machine) {
             if file.is_some() {
                 return Err(Failure::usage(
@@ -380,7 +401,7 @@ impl Driver {
         // Each run is a plan of its own: it begins where the machine stands now.
         let plan = Hash::of(format!("{name} {}", start.0).as_bytes());
         let plan = PlanId(plan.0);
-        let (remote, found) = Remote::connect(&address, client, name, plan, &shop::parameters(&machine))?;
+        let (remote, found) = Remote::connect(&address, client, name, plan, &shop::parameters(&machine), patience)?;
         if found.name != machine.name {
             shop::notice(&format!(
                 "{address} is '{}'; the plan is made for '{}', which has the same limits",

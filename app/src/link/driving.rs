@@ -95,6 +95,8 @@ pub fn make_ready(remote: &Remote) -> Result<Report, Failure> {
                 None
             }
             Some(State::Off) => Some(Request::PowerOn),
+            // What a run left that died, or another one that was held: it is given up, by who starts a new one.
+            Some(State::Held | State::Paused) => Some(Request::Stop),
             Some(state) if state.needs_a_person() && state != State::EmergencyStop => Some(Request::Reset),
             _ => None,
         };

@@ -8,6 +8,7 @@ use super::certificates::Client;
 use super::socket::Socket;
 use crate::failure::Failure;
 use cell::link::{LinkError, LinkSender, Load, SenderStatus};
+use machine::link::message::Refusal;
 use machine::link::{Loaded, PlanId};
 use machine::watch::Firing;
 use machine::{Command, MachineParameters, Quality, Report, Request};
@@ -90,6 +91,7 @@ pub struct Remote {
 
 impl Remote {
     /// Connects, and waits until the controller has said who it is. `name` is what another one will read who wants to drive the machine too.
+    /// Another one is waited for as long as `patience`: one that died has the machine for some seconds yet.
     ///
     /// # Errors
     /// Nobody answers, the controller takes somebody else's set-points, or it is another machine than `parameters` say.
@@ -99,6 +101,7 @@ impl Remote {
         name: &str,
         plan: PlanId,
         parameters: &MachineParameters,
+        patience: Duration,
     ) -> Result<(Remote, Machine), Failure> {
         let to = address.resolve()?;
         let (commands, from_commands) = sync_channel(COMMANDS);
@@ -118,6 +121,7 @@ impl Remote {
             reports: to_reports,
             shared: Arc::clone(&shared),
             began: Instant::now(),
+            patience,
             heard_of: None,
             command: None,
             report: VecDeque::new(),
@@ -136,7 +140,7 @@ impl Remote {
             thread: Some(thread),
             address: address.clone(),
         };
-        let until = Instant::now() + CONNECT + GREETING;
+        let until = Instant::now() + CONNECT + GREETING + patience;
         loop {
             let (machine, ended) = {
                 let shared = remote.lock();
@@ -270,6 +274,8 @@ struct Speaker {
     reports: SyncSender<Heard>,
     shared: Arc<Mutex<Shared>>,
     began: Instant,
+    /// How long another one that drives the machine is waited for.
+    patience: Duration,
     /// When the controller was there last; `None` before it was.
     heard_of: Option<Instant>,
     /// A command that the sender had no place for.
@@ -290,6 +296,7 @@ impl Speaker {
             match self.connected() {
                 Ok(socket) => match self.on(socket) {
                     Ok(()) => break None,
+                    Err(why) if why.is_busy && self.began.elapsed() < self.patience => self.sender.disconnected(self.now()),
                     Err(why) if why.is_final => break Some(why.text),
                     // Before it ever answered there is nothing to come back to.
                     Err(why) if self.heard_of.is_none() => break Some(why.text),
@@ -431,6 +438,8 @@ impl Speaker {
 /// Why a connection ended.
 struct Cut {
     is_final: bool,
+    /// Another one drives the machine.
+    is_busy: bool,
     text: String,
 }
 
@@ -438,6 +447,7 @@ impl From<LinkError> for Cut {
     fn from(error: LinkError) -> Self {
         Cut {
             is_final: error.is_final(),
+            is_busy: matches!(error, LinkError::Refused(Refusal::Busy { .. })),
             text: error.to_string(),
         }
     }
@@ -447,6 +457,7 @@ impl From<std::io::Error> for Cut {
     fn from(error: std::io::Error) -> Self {
         Cut {
             is_final: false,
+            is_busy: false,
             text: error.to_string(),
         }
     }

@@ -554,10 +554,16 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         self.commands_at_change = self.commands;
         let Sample { tick, step, .. } = report.sample;
         let (kind, data) = match after {
+            // One wait may follow the other; the hold is the same.
+            State::WaitingThenHold(_) if matches!(before, State::WaitingThenHold(_)) => return,
             State::Holding | State::WaitingThenHold(_) => ("hold", Detail::new()),
             State::Held if before == State::Waiting(Wait::Commands) => ("hold", Detail::new()),
-            State::Running | State::Resuming
-                if matches!(before, State::Held | State::Paused | State::Holding | State::Stopped(_)) =>
+            // It may wait for something in the very cycle in which it goes on.
+            State::Running | State::Resuming | State::Waiting(_)
+                if matches!(
+                    before,
+                    State::Held | State::Paused | State::Holding | State::WaitingThenHold(_) | State::Stopped(_)
+                ) =>
             {
                 ("cycle-start", Detail::new())
             }

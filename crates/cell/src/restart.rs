@@ -11,7 +11,7 @@ use plan::{
     RawNcFunction, Speed, Step, StepKind, restart_at, stream::RestartError,
 };
 use std::collections::VecDeque;
-use units::{Machine, Millimetres, MmPerSec, Point, StepId, Transform};
+use units::{Machine, Millimetres, MmPerSec, Point, StepId, ToolNumber, Transform};
 
 /// How the tool comes back to the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -114,6 +114,14 @@ impl<'a> Restarted<'a> {
     /// What was put in before the program's own steps, in order.
     pub fn put_in(&self) -> impl Iterator<Item = &StepKind> {
         self.first.iter().filter(|step| self.is_put_in(step)).map(|step| &step.kind)
+    }
+
+    /// The tool with which it begins, put in or called by the program itself.
+    pub fn tool(&self) -> Option<ToolNumber> {
+        self.first.iter().rev().find_map(|step| match &step.kind {
+            StepKind::Tool(tool) => Some(tool.number),
+            _ => None,
+        })
     }
 
     fn is_put_in(&self, step: &Step) -> bool {
