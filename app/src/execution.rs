@@ -2,19 +2,19 @@
 //!
 //! The rebuild reads the record file, not the samples in memory: what the report says is what the file says.
 
+pub use crate::course::{Asked, Course};
 use crate::failure::Failure;
-use crate::foreseen::{Foreseen, Foresight};
+use crate::foreseen::Foresight;
 use crate::functions::{self, Values};
 use crate::link::driving::{self, Driven};
 use crate::link::remote::{Machine, Remote};
 use crate::live::job::LiveJob;
-use crate::overriding::{Act, Overridden, Overriding};
+use crate::overriding::{Act, Overridden};
 use crate::printed::{self, Printed};
 use crate::program::Program;
 use crate::progress::Progress;
 use crate::report::{self, Page};
 use crate::survey::minutes;
-use crate::taking_up::{TakeUp, TakenUp};
 use crate::{clock, files, recording, shop};
 use asrun::{PlanOptions, PlannedProgram, Rebuild, RecordFrame, RecordPoint, Recording};
 use cell::link::Load;
@@ -23,9 +23,8 @@ use cell::sim::measure::Part;
 use cell::{CommandSource, Ended, Fault, OfficeHalf, Operator, Outcome, RecordSink, World, WorldConfig};
 use ledger::{Chain, Event, Hash};
 use machine::{Quality, Report, Request, Sample};
-use motion::{RemainingTime, Trajectory};
+use motion::Trajectory;
 use plan::{ProgramStream, Tables, executed::AsExecuted};
-use serde::Serialize;
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -72,42 +71,6 @@ pub struct Order<'a> {
     pub found: Option<String>,
     /// How it is run otherwise than from its beginning and as programmed.
     pub asked: Asked<'a>,
-}
-
-/// What was asked of a run beside the program.
-#[derive(Default)]
-pub struct Asked<'a> {
-    /// It is taken up in its middle; with what the report says of it.
-    pub take_up: Option<(&'a TakeUp, &'a TakenUp)>,
-    /// Overrides and holds.
-    pub overriding: Overriding,
-    /// The plan made beforehand.
-    pub plan: Option<&'a RemainingTime>,
-    /// How far from its path the machine may be led back to it by itself after a cut, mm.
-    pub approach: Option<f64>,
-}
-
-/// What a run came to beside its record.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Course {
-    /// Where it was taken up, and by whom.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub restart: Option<TakenUp>,
-    /// How long it took, against what was foreseen.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub time: Option<Foreseen>,
-    /// Overrides and holds.
-    #[serde(flatten)]
-    pub overridden: Overridden,
-}
-
-impl Course {
-    /// In sentences.
-    pub fn lines(&self) -> Vec<String> {
-        let restart = self.restart.as_ref().map(TakenUp::line);
-        let time = self.time.map(|time| time.line());
-        restart.into_iter().chain(time).chain(self.overridden.line()).collect()
-    }
 }
 
 /// What is executed.
@@ -444,21 +407,7 @@ fn execute_here(
     let stretch = if order.fast { 100 } else { 20 };
     loop {
         while let Some((_, act)) = script.next_if(|(at, _)| *at <= world.now()) {
-            match act {
-                Act::Turn(overrides) => world.request(Request::Override(overrides)),
-                Act::Hold => {
-                    // Who has pressed hold stands there until cycle start is pressed.
-                    world.attended_by(Operator {
-                        cycle_start_after: Some(u64::MAX),
-                        ..operator(order.drives)
-                    });
-                    world.request(Request::Hold);
-                }
-                Act::Resume => {
-                    world.attended_by(operator(order.drives));
-                    world.request(Request::CycleStart);
-                }
-            }
+            do_act(&mut world, act, operator(order.drives));
         }
         // Up to the next whole stretch, or what comes before it.
         let until = stretch - world.now().0 % stretch;
@@ -493,6 +442,25 @@ fn execute_here(
         if !order.fast {
             let due = Duration::from_secs_f64(simulated.0);
             std::thread::sleep(due.saturating_sub(began.elapsed()));
+        }
+    }
+}
+
+/// Turns or presses what a script says.
+fn do_act<S: CommandSource>(world: &mut World<'_, S>, act: Act, operator: Operator) {
+    match act {
+        Act::Turn(overrides) => world.request(Request::Override(overrides)),
+        Act::Hold => {
+            // Who has pressed hold stands there until cycle start is pressed.
+            world.attended_by(Operator {
+                cycle_start_after: Some(u64::MAX),
+                ..operator
+            });
+            world.request(Request::Hold);
+        }
+        Act::Resume => {
+            world.attended_by(operator);
+            world.request(Request::CycleStart);
         }
     }
 }

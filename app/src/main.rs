@@ -6,6 +6,7 @@ mod cli;
 mod clock;
 mod commands;
 mod controller;
+mod course;
 mod cycle_start;
 mod execution;
 mod failure;

@@ -84,12 +84,12 @@ pub fn survey(stream: Box<dyn ProgramStream + '_>, tables: &Tables, limits: Limi
     survey_on(stream, tables, limits, None)
 }
 
-/// The same with what takes time on a machine beside the motion.
+/// The same with what takes time beside the motion on a machine that has this tool in its spindle.
 pub fn survey_on(
     stream: Box<dyn ProgramStream + '_>,
     tables: &Tables,
     limits: Limits,
-    machine: Option<&MachineParameters>,
+    machine: Option<(&MachineParameters, ToolNumber)>,
 ) -> Survey {
     let mut progress = Progress::new("planning");
     let mut trajectory = Trajectory::new(stream, tables.position, limits);
@@ -105,9 +105,9 @@ pub fn survey_on(
         remaining: RemainingTime::default(),
     };
     let mut answer = None;
-    let mut waits = machine.map(|machine| Waits {
+    let mut waits = machine.map(|(machine, tool)| Waits {
         machine,
-        tool: ToolNumber(0),
+        tool,
         spindle: 0.0,
     });
     loop {

@@ -25,7 +25,7 @@ use serde_json::json;
 use std::path::Path;
 use std::time::Duration;
 use store::{DataDirectory, MachineFile};
-use units::{Point, Seconds, Timestamp};
+use units::{Point, Seconds, Timestamp, ToolNumber};
 
 /// Runs the command.
 ///
@@ -76,7 +76,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let who = acting.name.clone();
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
     let mut tables = directory.tables(&machine).map_err(shop::failure)?;
-    driver.place(&mut tables)?;
+    let in_spindle = driver.place(&mut tables)?;
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
 
     let take_up = taken_up(args, &program, &tables, &machine, (&acting, &mut directory), start)?;
@@ -84,7 +84,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         stream_of(&program, &tables, take_up.as_ref())?,
         &tables,
         shop::limits(&machine),
-        Some(&shop::parameters(&machine)),
+        Some((&shop::parameters(&machine), in_spindle)),
     );
     let mut all = checks(&found, travels(&machine), &tables);
     functions::checks(
@@ -414,16 +414,17 @@ impl Driver {
         })
     }
 
-    /// Puts the place where the machine stands into the tables: that is where a plan begins.
+    /// Puts the place where the machine stands into the tables: that is where a plan begins. Gives the tool that it has.
     ///
     /// # Errors
     /// The machine does not become ready.
-    pub fn place(&self, tables: &mut Tables) -> Result<(), Failure> {
-        if let Some((remote, _)) = &self.behind {
-            let report = driving::make_ready(remote)?;
-            tables.position = Point::from_xyz(report.sample.commanded);
-        }
-        Ok(())
+    pub fn place(&self, tables: &mut Tables) -> Result<ToolNumber, Failure> {
+        let Some((remote, _)) = &self.behind else {
+            return Ok(ToolNumber(0));
+        };
+        let report = driving::make_ready(remote)?;
+        tables.position = Point::from_xyz(report.sample.commanded);
+        Ok(report.sample.tool)
     }
 
     /// True when nothing of it is real.

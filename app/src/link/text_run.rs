@@ -285,7 +285,9 @@ impl Ends<'_> {
             if let Some(socket) = self.back.as_mut() {
                 bytes.clear();
                 let gone = socket.read(&mut bytes).is_err();
-                let told = sender.receive(&bytes).map_err(|why| Failure::machine(format_args!("{address}: {why}")))?;
+                let told = sender
+                    .receive(&bytes)
+                    .map_err(|why| Failure::machine(format_args!("{address}: {why}")))?;
                 if told.contains(&Told::Home) {
                     return Ok(true);
                 }
@@ -300,7 +302,9 @@ impl Ends<'_> {
                 )));
             }
             if self.stop.load(Relaxed) || sender.emergency_stop() {
-                return Err(Failure::machine(format_args!("{address}: stopped before anything was machined")));
+                return Err(Failure::machine(format_args!(
+                    "{address}: stopped before anything was machined"
+                )));
             }
             std::thread::sleep(LOOK);
         }
