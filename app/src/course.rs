@@ -36,8 +36,8 @@ pub struct Course {
 impl Course {
     /// In sentences.
     pub fn lines(&self) -> Vec<String> {
-        let restart = self.restart.as_ref().map(TakenUp::line);
+        // Where it was taken up is among the findings.
         let time = self.time.map(|time| time.line());
-        restart.into_iter().chain(time).chain(self.overridden.line()).collect()
+        time.into_iter().chain(self.overridden.line()).collect()
     }
 }

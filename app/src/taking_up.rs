@@ -60,7 +60,7 @@ pub struct TakenUp {
     /// The job whose run was taken up.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub after_job: Option<i64>,
-    /// What was put in force again, in order.
+    /// What was put in force again, or by the program itself before it moved, in order.
     pub restored: Vec<String>,
     /// What the run left out.
     pub left_out: Vec<String>,
@@ -103,12 +103,21 @@ impl TakeUp {
     /// The program does not come that far.
     pub fn told(&self, program: Box<dyn ProgramStream + '_>, acting: &Acting) -> Result<TakenUp, Failure> {
         let stream = self.stream(program)?;
+        let mut restored: Vec<String> = vec![];
+        for (put_in, kind) in stream.until_it_moves() {
+            let Some(words) = words_of(kind) else { continue };
+            if put_in {
+                restored.push(words);
+            } else if !matches!(kind, StepKind::NcFunction(_)) && !restored.contains(&words) {
+                restored.push(format!("{words} (by the program itself)"));
+            }
+        }
         Ok(TakenUp {
             at: self.place.clone(),
             step: self.at.0,
             by: acting.json(),
             after_job: self.after_job,
-            restored: stream.put_in().filter_map(words_of).collect(),
+            restored,
             left_out: self.left_out.clone(),
         })
     }
@@ -299,11 +308,14 @@ pub fn left_over(
     let mut found = look(program, tables, &answers, &[Meant::Step(step.0)])?;
     let place = found.candidates.swap_remove(0).pop();
     let place = place.map_or_else(|| format!("step {}", step.0), |candidate| candidate.place);
+    let was = match job.state {
+        JobState::Over(Ending::Interrupted) => "was interrupted",
+        _ => "came to a stop",
+    };
     Ok(Some(format!(
-        "job {} of this program was {} at {place}; this run begins at the beginning. To take it up there: toolmark run {} --resume {}, or \
+        "job {} of this program {was} at {place}; this run begins at the beginning. To take it up there: toolmark run {} --resume {}, or \
          --from STEP for another place",
         job.id,
-        job.state.word(),
         program.path.display(),
         job.id
     )))

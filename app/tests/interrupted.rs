@@ -187,7 +187,7 @@ fn a_controller_that_a_killed_run_left_in_hold_is_driven_on_from_where_it_was() 
 }
 
 #[test]
-fn the_text_protocol_takes_a_program_up_as_well() {
+fn the_text_protocol_takes_a_program_up_after_a_run_that_died() {
     let folder = tempfile::tempdir().expect("a folder");
     let machine = machine_file(folder.path());
     let plate = folder.path().join("plate.nc");
@@ -200,6 +200,22 @@ fn the_text_protocol_takes_a_program_up_as_well() {
         let kept = folder.path().join(format!("kept-{attempt}")).display().to_string();
         let more = ["--link", "text", "--report-port", &reports, "--record", &kept];
         let controller = Controller::begin(&machine, &more, &folder.path().join("other"));
+        // A run that dies leaves the machine somewhere, with its tool.
+        let behind = ["--machine", &controller.address, "--machine-file", &machine];
+        let text = ["--link", "text", "--report-port", &reports];
+        let mut dying = toolmark(&[&["run", &plate], &behind[..], &text[..]].concat(), &data)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the binary starts");
+        std::thread::sleep(Duration::from_secs(8));
+        dying.kill().expect("it runs");
+        dying.wait().expect("it ends");
+        let first = Path::new(&kept).join("run-0001.parquet");
+        let until = Instant::now() + Duration::from_secs(10);
+        while !first.exists() && Instant::now() < until {
+            std::thread::sleep(Duration::from_millis(50));
+        }
         let args = [
             "run",
             &plate,
@@ -225,7 +241,7 @@ fn the_text_protocol_takes_a_program_up_as_well() {
             answer["restart"]["at"].as_str().is_some_and(|at| at.starts_with("N20")),
             "{answer}"
         );
-        let record = Path::new(&kept).join("run-0001.parquet");
+        let record = Path::new(&kept).join("run-0002.parquet");
         let until = Instant::now() + Duration::from_secs(40);
         while !record.exists() && Instant::now() < until {
             std::thread::sleep(Duration::from_millis(50));

@@ -148,6 +148,13 @@ fn workingsteps_are_named_numbered_and_told_apart() {
     let (numbered, _) = shop.run("numbered", &[&bracket, "--from", "3"]);
     assert_eq!(numbered["restart"]["step"], named["restart"]["step"]);
     let id = named["report"]["workingsteps"][0]["id"].as_u64().expect("an instance");
+    let (by_path, _) = shop.run("by-path", &[&bracket, "--from", &format!("OP10 top/{third}")]);
+    assert_eq!(by_path["restart"]["step"], named["restart"]["step"]);
+    let restored = texts(&named["restart"]["restored"]).join(", ");
+    assert!(
+        restored.contains("T2 ") && restored.contains("spindle") && restored.contains("by the program itself"),
+        "{restored}"
+    );
     let (by_id, _) = shop.run("by-id", &[&bracket, "--from", &format!("#{id}")]);
     assert_eq!(by_id["restart"]["step"], named["restart"]["step"]);
     let (first, _) = shop.run("first", &[&bracket, "--from", "1"]);
@@ -155,7 +162,7 @@ fn workingsteps_are_named_numbered_and_told_apart() {
     shop.refused(
         &["run", &bracket, "--fast", "--from", "no such step"],
         2,
-        &["there is no such step", &format!("3 '{third}'")],
+        &["there is no such step", &format!("3 'BRACKET/OP10 top/{third}'")],
     );
     shop.refused(&["run", &bracket, "--fast", "--from", "99"], 2, &["there is no such step"]);
     shop.refused(

@@ -105,7 +105,9 @@ pub fn look(program: &Program, tables: &Tables, answers: &Answers, wanted: &[Mea
         };
         if let Some(marker) = begins {
             number += 1;
-            workingsteps.push(format!("{number} '{}'", marker.name));
+            let within = modal.open.iter().filter(|m| m.level == Level::Workplan).map(|m| &m.name);
+            let path: Vec<String> = within.chain([&marker.name]).map(|name| name.replace('/', "\\/")).collect();
+            workingsteps.push(format!("{number} '{}'", path.join("/")));
         }
         for ((meant, found), after) in wanted.iter().zip(&mut candidates).zip(&mut after) {
             let is_it = match (meant, begins, &step.kind) {

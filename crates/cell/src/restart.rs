@@ -111,9 +111,11 @@ impl<'a> Restarted<'a> {
         &self.in_force
     }
 
-    /// What was put in before the program's own steps, in order.
-    pub fn put_in(&self) -> impl Iterator<Item = &StepKind> {
-        self.first.iter().filter(|step| self.is_put_in(step)).map(|step| &step.kind)
+    /// What is in force when the program moves first, in the order in which it comes about; with each whether it was put in, or the program
+    /// says it itself.
+    pub fn until_it_moves(&self) -> impl Iterator<Item = (bool, &StepKind)> {
+        let all = self.first.iter().map(|step| (self.is_put_in(step), &step.kind));
+        all.take_while(|(put_in, kind)| *put_in || !matches!(kind, StepKind::Move(_) | StepKind::MachineMove(_)))
     }
 
     /// The tool with which it begins, put in or called by the program itself.
