@@ -561,7 +561,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "POLICY", value_enum)]
     pub edited_outside: Option<PolicyName>,
     /// Wrong set-up, for practice: the n-th workingstep runs with its work offset shifted by X,Y,Z mm; simulated machines only.
-    #[arg(long, value_name = "N:X,Y,Z")]
+    #[arg(long, value_name = "N:X,Y,Z", conflicts_with_all = ["from", "resume"])]
     pub plant_shift: Option<String>,
 }
 

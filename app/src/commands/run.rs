@@ -145,7 +145,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
             approach,
         },
     };
-    let done = execute(&order, &mut directory, None)?;
+    let done = execute(&order, &mut directory, None).map_err(|failure| and_how_to_go_on(failure, args, behind))?;
     tell_outcome(&done, &program.name, &machine, &all, (&acting, edited.as_deref()), common)
 }
 
@@ -228,6 +228,18 @@ fn tell_take_up(
         shop::notice(&left_out);
     }
     Ok(told)
+}
+
+/// A run that its machine was lost to is taken up by another one.
+fn and_how_to_go_on(mut failure: Failure, args: &RunArgs, behind: bool) -> Failure {
+    if behind && failure.exit == Exit::Machine {
+        failure.message += &format!(
+            "\nnothing resumes by itself: when the machine is there again, look at it and at the part; then toolmark run {} with the same \
+             machine and --resume last takes the job up where it was",
+            args.program.display()
+        );
+    }
+    failure
 }
 
 /// Overrides and holds that the command line asks for.

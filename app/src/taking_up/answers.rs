@@ -8,7 +8,7 @@ use ledger::Event;
 use plan::{Answer, Modal, Next, Question, Step, Tables};
 use serde_json::Value;
 use std::collections::VecDeque;
-use store::{DataDirectory, Job, Log};
+use store::{DataDirectory, Job, JobId, Log};
 
 /// Events of a job that are read at once.
 const EVENTS: usize = 10_000;
@@ -20,18 +20,39 @@ pub struct Answers {
 }
 
 impl Answers {
-    /// The answers in the log of a job.
+    /// The answers in the log of a job. Where it took up another one, what was asked before that stands in the other's log.
     ///
     /// # Errors
     /// The disk refuses.
     pub fn of(directory: &DataDirectory, job: &Job) -> Result<Answers, Failure> {
-        let mut of_the_run = VecDeque::new();
-        each_event(directory, job, |event| {
-            if event.kind == "question" {
-                of_the_run.push_back(event.detail.get("answer").cloned());
-            }
-        })?;
-        Ok(Answers { of_the_run })
+        let mut parts = vec![];
+        let mut job = job.clone();
+        let mut before = u64::MAX;
+        loop {
+            let mut told: Vec<Option<Value>> = vec![];
+            let mut taken_up = None;
+            each_event(directory, &job, |event| {
+                let step = event.detail.get("step").and_then(Value::as_u64).unwrap_or(0);
+                if event.kind == "question" && step < before {
+                    told.push(event.detail.get("answer").cloned());
+                }
+                taken_up = taken_up.take().or_else(|| event.detail.get("taken_up").cloned());
+            })?;
+            parts.push(told);
+            let number = |name: &str| taken_up.as_ref()?.get(name)?.as_u64();
+            // A job is taken up by a later one, so this ends.
+            let earlier = number("after_job")
+                .and_then(|id| i64::try_from(id).ok())
+                .filter(|id| *id < job.id.0);
+            let (Some(earlier), Some(step)) = (earlier, number("step")) else {
+                break;
+            };
+            before = before.min(step);
+            job = directory.job(JobId(earlier)).map_err(shop::failure)?;
+        }
+        Ok(Answers {
+            of_the_run: parts.into_iter().rev().flatten().collect(),
+        })
     }
 
     /// The next one.
