@@ -15,8 +15,7 @@ G21 G17 G90 G54
 (trace:+ its_alarm_id=1 its_text=over_time","display_message its_text=""look at the tool""")
 T1 M6
 S3000 M3
-G0 X0 Y0
-G43 H1 Z10.
+G0 G43 H1 X0 Y0 Z10.
 M8
 (trace:1 get_time its_label="first cut")
 (trace:1 log_tool_data)
@@ -85,15 +84,13 @@ G0 Z10.
 M9
 T2 M6
 S4000 M3
-G0 X10. Y10.
-G43 H2 Z10.
+G0 G43 H2 X10. Y10. Z10.
 G1 Z-1. F300.
 X30. F600.
 G0 Z10.
 T3 M6
 S4000 M3
-G0 X10. Y20.
-G43 H3 Z10.
+G0 G43 H3 X10. Y20. Z10.
 G1 Z-1. F300.
 X30. F600.
 G0 Z10.

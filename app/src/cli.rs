@@ -168,6 +168,9 @@ pub struct ControllerArgs {
     /// A gamepad as control pad: its device, /dev/input/event...
     #[arg(long, value_name = "DEVICE")]
     pub pad: Option<PathBuf>,
+    /// End as with Ctrl-C when standard input ends: with the program that started this one, however that ends.
+    #[arg(long)]
+    pub until_stdin_ends: bool,
 }
 
 /// What is spoken between a planner and a machine.
@@ -283,6 +286,14 @@ pub enum TraceCommand {
         /// Also every event; without it the last twenty.
         #[arg(long)]
         events: bool,
+    },
+    /// The synchronized actions of a job: what they watch, how often they fired, what ended them.
+    #[command(after_help = WHERE)]
+    Actions {
+        /// The number of the job, or `last`.
+        job: String,
+        /// Data directory or backup.
+        dir: Option<PathBuf>,
     },
     /// Write a job's samples and events to a file: CSV, JSON, Parquet or MDF 4.
     #[command(after_help = EXPORT_HELP)]

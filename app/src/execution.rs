@@ -65,8 +65,8 @@ pub struct Order<'a> {
     pub drives: Drives<'a>,
     /// A person wants it to stop.
     pub stop: Option<&'a AtomicBool>,
-    /// Their level, 1 is the strongest.
-    pub level: Option<u8>,
+    /// What is known of them: level, organization, role, shift, and how they were identified.
+    pub person: serde_json::Value,
     /// What was found at cycle start, for the report.
     pub found: Option<String>,
     /// How it is run otherwise than from its beginning and as programmed.
@@ -202,7 +202,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
             .map(|(interval, jitter)| Thinned::new(order.start, interval, jitter, order.seed)),
         part,
         last: None,
-        values: Values::new(&directory.recording_folder(job.id), &folder, order.start, pace),
+        values: Values::new(directory.values_folder(job.id), &folder, order.start, pace),
     };
     let mut told = 0;
     let far = RefCell::new(Foresight::of(order.asked.plan));
@@ -227,9 +227,9 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         values,
         ..
     } = rows;
-    // Before the recording's folder goes: its own rows are kept and discarded in one step.
-    let values = values.end()?;
     let end = order.start.at(outcome.ticks);
+    // Before the recording's folder goes, in which they are made.
+    values.end(directory, job.id, end)?;
     let ended = recording.end();
     tell_notices(directory, &watch, end)?;
     ended.map_err(shop::failure)?;
@@ -260,6 +260,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
     let mut rebuild = rebuild(order, (program, &tables), &record_read, &outcome)?;
     functions::results(&events, &mut rebuild.executed);
     let printed = Printed::of(&events);
+    rebuild.report.findings.extend(functions::alarms(&printed.functions));
     let course = Course {
         restart: order.asked.take_up.map(|(_, told)| told.clone()),
         time: far.borrow().told(outcome.time).filter(|_| outcome.ended == Ended::Completed),
@@ -284,7 +285,6 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         files::write(&path, &printed.bytes)?;
         written.push(path);
     }
-    written.extend(values.map(|(path, _)| path));
     directory.keep_files(job.id, &written, end).map_err(shop::failure)?;
 
     let ending = if outcome.ended == Ended::Completed {
@@ -356,7 +356,7 @@ fn execute(
 /// What the functions of the program come to; operations of a live job have none.
 fn functions_of(order: &Order<'_>) -> Result<Found, Failure> {
     match order.work {
-        Work::Program(program) => Ok(functions::look_at(&mut *stream_of(order, program)?, &program.name)),
+        Work::Program(program) => Ok(functions::look_at(&mut *stream_of(order, program)?, program)),
         Work::Live(_) => Ok(Found::default()),
     }
 }
@@ -741,7 +741,7 @@ mod tests {
                 who: "Maria",
                 drives: Drives::World,
                 stop: None,
-                level: Some(1),
+                person: serde_json::json!({ "level": 1 }),
                 found: None,
                 asked: Asked::default(),
             };

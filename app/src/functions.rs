@@ -1,22 +1,23 @@
 //! Functions of the traceability vocabulary in a run: what the shell knows for them, where their rows go, and what is told of them.
 
+mod sentence;
+
 use crate::execution::{Order, Work};
 use crate::failure::Failure;
 use crate::program::Program;
-use crate::survey::{Check, State, beforehand};
+use crate::survey::{Check, State, beforehand, with_code};
 use crate::{say, shop};
-use ledger::Event;
+use ledger::{Action, Event, Level};
 use plan::executed::{AsExecuted, ResultValue};
 use plan::{Next, ProgramStream, Severity, Tables};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use store::MachineFile;
 use store::functions::{FunctionRow, FunctionRows, StreamName, Streams};
-use store::record::Finished;
-use store::segment::{Offered, Pace, Recorder as Segments, Settings, discard, merge};
-use trace::record::{EVENT, Known, Row, Stream};
+use store::segment::{Offered, Pace, Recorder as Segments, Settings};
+use store::{DataDirectory, JobId, MachineFile};
+use trace::record::{BY_ITSELF, EVENT, Known, Row, Stream};
 use trace::survey::{Found, Survey};
 use units::{Millimetres, Timestamp, ToolNumber};
 
@@ -25,25 +26,31 @@ use units::{Millimetres, Timestamp, ToolNumber};
 /// # Errors
 /// It cannot be read.
 pub fn look(program: &Program, tables: &Tables) -> Result<Found, Failure> {
-    Ok(look_at(&mut *program.stream(tables)?, &program.name))
+    Ok(look_at(&mut *program.stream(tables)?, program))
 }
 
-/// The same for a program that is a stream already.
-pub fn look_at(stream: &mut dyn ProgramStream, name: &str) -> Found {
-    let mut survey = Survey::new(name);
+/// The same for the part of a program that a stream gives.
+pub fn look_at(stream: &mut dyn ProgramStream, program: &Program) -> Found {
+    let mut survey = Survey::new(&program.name);
     let mut answer = None;
     loop {
         match stream.next(answer.take()) {
             Next::Step(step) => survey.step(&step),
             Next::Ask(question) => answer = Some(beforehand(&question)),
             // What stops the program is found by its check.
-            Next::End | Next::Alarm(_) => return survey.finish(),
+            Next::End | Next::Alarm(_) => break,
         }
     }
+    let found = survey.finish();
+    if found.points.is_empty() {
+        return found;
+    }
+    let points = program.step_nc().map(|p| p.named_points()).unwrap_or_default();
+    found.with_geometry(|name| points.contains_key(name))
 }
 
 /// The lines of a check about functions; `level` is the level of who acts.
-pub fn checks(found: &Found, level: Option<u8>, all: &mut Vec<Check>) {
+pub fn checks(found: &Found, level: Option<Level>, all: &mut Vec<Check>) {
     if found.counts.is_empty() && found.diagnostics.is_empty() {
         return;
     }
@@ -68,14 +75,12 @@ pub fn checks(found: &Found, level: Option<u8>, all: &mut Vec<Check>) {
             Severity::Warning => State::Warning,
             Severity::Error => State::Fail,
         };
-        say(state, format!("{}: {diagnostic}", diagnostic.code));
+        say(state, with_code(diagnostic, diagnostic.to_string()));
     }
-    if found.all_modes && level.is_none_or(|level| level > trace::survey::ALL_MODES_LEVEL) {
-        let text = format!(
-            "T-11: a synchronized action goes on in all modes: that needs an operator of level {} or stronger signed in",
-            trace::survey::ALL_MODES_LEVEL
-        );
-        say(State::Fail, text);
+    if found.all_modes
+        && let Err(refused) = ledger::may(level, Action::StartAllModes)
+    {
+        say(State::Fail, format!("T-11: {refused}: such an action outlives the program"));
     }
 }
 
@@ -112,9 +117,15 @@ pub fn known(order: &Order<'_>) -> Known {
     let machine = order.machine;
     Known {
         machine: object(of_machine(machine, &order.tables, order.drives.is_simulated())),
-        operator: object(json!({
-            "name": order.who, "role": "operator", "level": order.level, "authenticated_by": "none",
-        })),
+        operator: {
+            let mut operator = object(order.person.clone());
+            operator.insert("name".to_owned(), Value::from(order.who));
+            operator.retain(|_, value| value != "");
+            if !operator.contains_key("role") {
+                operator.insert("role".to_owned(), Value::from("operator"));
+            }
+            operator
+        },
         coolant: Map::new(),
         tools: order
             .tables
@@ -188,10 +199,10 @@ pub struct Values {
 }
 
 impl Values {
-    /// For a job whose recording is made in `recording` and kept in `folder`.
-    pub fn new(recording: &Path, folder: &Path, start: Timestamp, pace: Pace) -> Values {
+    /// For a job whose values are made in `making` and kept in `folder`.
+    pub fn new(making: PathBuf, folder: &Path, start: Timestamp, pace: Pace) -> Values {
         Values {
-            folder: recording.join("functions"),
+            folder: making,
             target: folder.join(store::functions::FILE),
             start,
             streams: Streams::default(),
@@ -236,22 +247,21 @@ impl Values {
         }
     }
 
-    /// Closes the recording; gives its file, if there is one.
+    /// Closes the recording and keeps it as a file of the job; gives the file, if there is one.
     ///
     /// # Errors
     /// The disk refused.
-    pub fn end(self) -> Result<Option<(PathBuf, Finished)>, Failure> {
+    pub fn end(self, directory: &mut DataDirectory, job: JobId, at: Timestamp) -> Result<Option<PathBuf>, Failure> {
         if let Some(failed) = self.failed {
             return Err(failed);
         }
         let Some(segments) = self.segments else { return Ok(None) };
         segments.end().map_err(shop::failure)?;
-        let merged = merge(&self.folder, &self.target, &[], &[]).map_err(shop::failure)?;
-        for gap in &merged.gaps {
+        let merged = directory.keep_values(job, &self.target, at).map_err(shop::failure)?;
+        for gap in merged.iter().flat_map(|merged| &merged.gaps) {
             eprintln!("warning: the values of recordings have a gap: {gap}");
         }
-        discard(&self.folder).map_err(shop::failure)?;
-        Ok(Some((self.target, merged.finished)))
+        Ok(merged.map(|merged| merged.finished.path))
     }
 }
 
@@ -268,17 +278,22 @@ pub struct Told {
     pub data: BTreeMap<String, Value>,
 }
 
+/// True for a record that a function of the program made; every job has one of its machine besides.
+pub fn is_of_the_program(event: &Event) -> bool {
+    event.kind == EVENT && !event.detail.contains_key(BY_ITSELF)
+}
+
 /// The records of functions among the events of a run.
 pub fn told<'e>(events: impl IntoIterator<Item = &'e Event>) -> Vec<Told> {
     let mut start = None;
     let mut all = Vec::new();
     for event in events {
         let start = *start.get_or_insert(event.at_ns);
-        if event.kind == EVENT {
+        if is_of_the_program(event) {
             all.push(Told {
                 t_s: (event.at_ns - start) as f64 / 1e9,
-                function: text_of(&event.detail, "function"),
-                text: sentence(&event.detail),
+                function: event.detail.get("function").map_or_else(String::new, sentence::plain),
+                text: sentence::of(&event.detail),
                 data: event.detail.clone(),
             });
         }
@@ -302,56 +317,27 @@ pub fn print(all: &[Told]) {
     }
 }
 
-fn text_of(detail: &BTreeMap<String, Value>, key: &str) -> String {
-    match detail.get(key) {
-        None => String::new(),
-        Some(Value::String(text)) => text.clone(),
-        Some(other) => other.to_string(),
-    }
-}
-
-/// What a record says, in the order in which a person reads it.
-fn sentence(detail: &BTreeMap<String, Value>) -> String {
-    const FIRST: [&str; 6] = ["error", "id", "alarm", "state", "text", "why"];
-    const NOT: [&str; 6] = ["function", "place", "step", "tick", "streams", "actions"];
-    let mut parts: Vec<String> = FIRST
-        .iter()
-        .filter(|key| detail.contains_key(**key))
-        .map(|key| text_of(detail, key))
-        .collect();
-    for (key, value) in detail {
-        if FIRST.contains(&key.as_str()) || NOT.contains(&key.as_str()) || value.is_object() {
-            continue;
-        }
-        if key == "values" {
-            parts.extend(value.as_array().into_iter().flatten().map(value_text));
-        } else {
-            parts.push(format!("{key} {}", text_of(detail, key)));
+/// Alarms that functions set, as a reader of the report has to know them.
+pub fn alarms(all: &[Told]) -> Vec<String> {
+    let mut found = Vec::new();
+    for told in all {
+        let actions = told.data.get("actions").and_then(Value::as_array);
+        let records = actions.into_iter().flatten().filter_map(Value::as_object);
+        let own: Map<String, Value> = told.data.clone().into_iter().collect();
+        for record in std::iter::once(&own).chain(records) {
+            if record.get("state") == Some(&Value::from("set")) {
+                let word = |key: &str| record.get(key).map_or_else(String::new, sentence::plain);
+                found.push(format!(
+                    "the program set alarm {} '{}' at {:.3} s; its reaction: {}",
+                    word("alarm"),
+                    word("text"),
+                    told.t_s,
+                    word("reaction").replace('_', " ")
+                ));
+            }
         }
     }
-    for action in detail.get("actions").and_then(Value::as_array).into_iter().flatten() {
-        let inner: BTreeMap<String, Value> = action
-            .as_object()
-            .map(|members| members.iter().map(|(k, v)| (k.clone(), v.clone())).collect())
-            .unwrap_or_default();
-        parts.push(format!("{}: {}", text_of(&inner, "function"), sentence(&inner)));
-    }
-    if let Some(streams) = detail.get("streams").and_then(Value::as_array) {
-        let names: Vec<&str> = streams.iter().filter_map(|s| s.get("name")?.as_str()).collect();
-        parts.push(names.join(" "));
-    }
-    parts.join(", ")
-}
-
-fn value_text(one: &Value) -> String {
-    let stream = one.get("stream").and_then(Value::as_str).unwrap_or_default();
-    match one.get("value").and_then(Value::as_f64) {
-        Some(value) => format!(
-            "{stream} {value:.4} {}",
-            one.get("unit").and_then(Value::as_str).unwrap_or_default()
-        ),
-        None => format!("{stream} unavailable"),
-    }
+    found
 }
 
 /// Puts single values on the workingstep of the run during which, or before which, they were taken.

@@ -81,16 +81,25 @@ impl Acting {
     /// # Errors
     /// No, and why; or the disk refuses.
     pub fn must(&self, action: Action, directory: &mut DataDirectory, at: Timestamp) -> Result<(), Failure> {
-        match ledger::may(self.level, action) {
+        match self.ask(action, directory, at)? {
             Ok(()) => Ok(()),
-            Err(refused) => {
-                let mut detail = self.detail();
-                detail.insert("action".to_owned(), action.word().into());
-                detail.insert("needed".to_owned(), refused.needed.number().into());
-                directory.append(at, "refused", detail).map_err(shop::failure)?;
-                Err(self.refusal(refused))
-            }
+            Err(refused) => Err(self.refusal(refused)),
         }
+    }
+
+    /// The same, where a refusal is one of several reasons: it is told in the log, and the caller says it.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn ask(&self, action: Action, directory: &mut DataDirectory, at: Timestamp) -> Result<Result<(), NotAllowed>, Failure> {
+        let answer = ledger::may(self.level, action);
+        if let Err(refused) = answer {
+            let mut detail = self.detail();
+            detail.insert("action".to_owned(), action.word().into());
+            detail.insert("needed".to_owned(), refused.needed.number().into());
+            directory.append(at, "refused", detail).map_err(shop::failure)?;
+        }
+        Ok(answer)
     }
 
     /// What is said to somebody who may not.
@@ -149,6 +158,7 @@ impl Acting {
             ("who".to_owned(), Value::from(self.name.as_str())),
             ("level".to_owned(), self.level.map_or(Value::Null, |l| l.number().into())),
             ("authenticated_by".to_owned(), self.authenticated_by().into()),
+            ("claimed".to_owned(), self.named.into()),
             ("system_user".to_owned(), Value::from(self.system_user.as_str())),
         ])
     }
@@ -163,6 +173,7 @@ impl Acting {
             "role": self.person.as_ref().map(|person| &person.role),
             "shift": self.person.as_ref().map(|person| &person.shift),
             "authenticated_by": self.authenticated_by(),
+            "claimed": self.named,
         })
     }
 
@@ -180,10 +191,16 @@ fn local_name(system_user: &str) -> String {
     format!("{LOCAL}: {system_user} {BY_THE_SYSTEM}")
 }
 
-/// The name in a log that knows no operators: `--operator`, else the system's user.
+/// The name in a log that knows no operators: `--operator`, which is claimed and not proven, else the system's user.
 pub fn unchecked_name(common: &Common) -> String {
     let named = common.operator.as_deref().map(str::trim).filter(|name| !name.is_empty());
     named.map_or_else(|| format!("{} {BY_THE_SYSTEM}", system_user()), str::to_owned)
+}
+
+/// The same in the few words that another one reads who wants the machine, too.
+pub fn shown_to_others(common: &Common) -> String {
+    let named = common.operator.as_deref().map(str::trim).filter(|name| !name.is_empty());
+    named.map_or_else(system_user, str::to_owned)
 }
 
 /// The user that the system signed in. Not what the environment says, which anybody can set: the number that the kernel knows this

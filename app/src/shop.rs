@@ -10,7 +10,6 @@ use plan::Tables;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use store::machine_file::{HomeEnd, MachineKind};
 use store::{DataDirectory, Ending, MachineFile, StoreError};
 use units::{Axis, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Timestamp};
 
@@ -46,27 +45,9 @@ pub fn limits(machine: &MachineFile) -> Limits {
     }
 }
 
-/// The simulated iron of a machine file: its travels and limits on the drives of the built-in model.
+/// What the realtime half and the simulated iron need to know of a machine file.
 pub fn parameters(machine: &MachineFile) -> MachineParameters {
-    let mut parameters = match machine.kind {
-        MachineKind::Mill => MachineParameters::small_machining_centre(),
-        MachineKind::Lathe => MachineParameters::small_lathe(),
-    };
-    for (axis, model) in Axis::ALL.into_iter().zip(&mut parameters.axes) {
-        if let Some(file) = machine.axis(axis) {
-            (model.lowest, model.highest) = (file.travel_min, file.travel_max);
-            (model.v_max, model.a_max, model.j_max) = (file.v_max, file.a_max, file.j_max);
-            model.pulses_per_mm = file.pulses_per_mm;
-            // The position at its reference is 0; where the travel does not hold that, the nearer end.
-            let home = Millimetres(0f64.max(file.travel_min.0).min(file.travel_max.0));
-            (model.homing.home, model.homing.reference) = (home, home);
-            model.homing.upwards = file.home == HomeEnd::Max;
-        }
-    }
-    parameters.spindle.highest = machine.spindle.max;
-    parameters.tool_change = machine.tool_change;
-    parameters.late_ticks_allowed = machine.late_ticks_allowed;
-    parameters
+    machine.parameters()
 }
 
 /// Where the data directory is that the settings mean.
@@ -256,7 +237,9 @@ fn command_word() -> String {
     words.join(" ")
 }
 
-/// Who is named behind something that asks for no right: `--operator`, else the user that the system signed in.
+/// Who is named behind something that asks for no right: `--operator`, marked as claimed, else the user that the system signed in.
 pub fn operator(common: &Common) -> String {
-    people::unchecked_name(common)
+    let name = people::unchecked_name(common);
+    let named = common.operator.as_deref().is_some_and(|name| !name.trim().is_empty());
+    if named { format!("{name} (claimed)") } else { name }
 }

@@ -186,13 +186,21 @@ pub struct Check {
     pub text: String,
 }
 
+/// Errors of functions are known by their codes in the manual's table, T-01 to T-12; what stands behind a code tells kinds of it apart.
+pub fn with_code(found: &Diagnostic, text: String) -> String {
+    match found.code.get(..4).filter(|code| code.starts_with("T-")) {
+        Some(code) => format!("{code}: {text}"),
+        None => text,
+    }
+}
+
 /// All pre-run checks of a program on a machine.
 pub fn checks(found: &Survey, travels: [Option<(Millimetres, Millimetres)>; 3], tables: &Tables) -> Vec<Check> {
     let mut all = vec![];
     let mut say = |name, state, text: String| all.push(Check { name, state, text });
 
     match &found.alarm {
-        Some(alarm) => say("program", State::Fail, alarm.to_string()),
+        Some(alarm) => say("program", State::Fail, with_code(&alarm.diagnostic, alarm.to_string())),
         None => {
             let s = &found.statistics;
             say(
@@ -210,7 +218,7 @@ pub fn checks(found: &Survey, travels: [Option<(Millimetres, Millimetres)>; 3], 
             plan::Severity::Warning => State::Warning,
             plan::Severity::Error => State::Fail,
         };
-        say("remark", state, remark.to_string());
+        say("remark", state, with_code(remark, remark.to_string()));
     }
     match found.reach {
         None => say("travel", State::Warning, "the program moves nothing".to_owned()),

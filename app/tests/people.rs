@@ -380,6 +380,43 @@ fn who_is_not_signed_in_looks_and_changes_nothing() {
 }
 
 #[test]
+fn a_name_that_is_only_given_is_marked_as_claimed_in_log_and_answers() {
+    let shop = Shop::with_people();
+    let told = shop.json(&["run", PLATE, "--fast", "--operator", "Jo"]);
+    assert_eq!((&told["by"]["name"], &told["by"]["claimed"]), (&"Jo".into(), &true.into()));
+    // Whoever the system signed in claims nothing; without operators it is enough.
+    let alone = Shop::new();
+    let told = alone.json(&["run", PLATE, "--fast"]);
+    assert_eq!(
+        (&told["by"]["authenticated_by"], &told["by"]["claimed"]),
+        (&"system".into(), &false.into())
+    );
+    shop.refused(1, &["operator", "add", "Eve", "--operator", "Ann"], "level 2 or better");
+    let refused = shop.events("refused");
+    let detail = refused.last().expect("a refusal");
+    assert_eq!(
+        (&detail["who"], &detail["claimed"]),
+        (&"Ann".into(), &true.into()),
+        "{refused:#?}"
+    );
+    // What takes no right says the same of the name in its manifest.
+    let to = shop.path("backup").display().to_string();
+    shop.good(&["backup", &to, "--operator", "Maria"]);
+    assert_eq!(shop.events("backup-begun")[0]["who"], "Maria (claimed)");
+}
+
+#[test]
+fn recording_an_agent_takes_an_operator_and_a_backup_takes_nobody() {
+    let shop = Shop::with_people();
+    // Refused before anything is asked of the address: nobody listens there.
+    shop.refused(1, &["record", "http://127.0.0.1:9/"], "takes an operator who is signed in");
+    assert_eq!(shop.events("refused").last().expect("told")["action"], "record");
+    shop.good(&["backup", &shop.path("backup").display().to_string()]);
+    let table = shop.good(&["operator", "rights"]);
+    assert!(table.contains("one that waits for a person is not made"), "{table}");
+}
+
+#[test]
 fn a_large_step_of_a_size_takes_a_level_three_and_nobody_claims_more_than_the_own_level() {
     let shop = Shop::with_people();
     shop.good(&["operator", "add", "Kim", "--level", "3", "--operator", "Maria"]);

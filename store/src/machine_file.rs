@@ -8,7 +8,12 @@
 //!
 //! Not here yet, because nothing reads them yet: sensors.
 
+mod model;
+
+pub use model::Model;
+
 use crate::{Retention, StoreError};
+use model::{AxisTables, CardText, Tables, Values};
 use plan::Diagnostic;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -46,8 +51,14 @@ pub struct MachineFile {
     pub link: LinkFile,
     /// Servo cycles that may be lost in a row before its controller makes a controlled stop.
     pub late_ticks_allowed: u32,
+    /// Servo cycles in a row that may come late on simulated drives, which wait for them; beyond it [`MachineFile::late_ticks_allowed`] holds.
+    pub late_ticks_made_up: u32,
     /// What happens at cycle start with a program that was edited outside.
     pub edited_outside: EditedOutside,
+    /// What it says of loops, drives, references, spindle and cut.
+    pub model: Model,
+    /// The register card that moves it, a file; `None` where the simulator does.
+    pub registers: Option<PathBuf>,
 }
 
 /// Ports and certificates of the set-point link. The certificates of a controller and of a computer that drives one are named alike.
@@ -208,9 +219,14 @@ impl MachineFile {
         let mut machine = Self::parse(&text, &path.display().to_string())?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let link = &mut machine.link;
-        for file in [&mut link.certificate, &mut link.key, &mut link.authority]
-            .into_iter()
-            .flatten()
+        for file in [
+            &mut link.certificate,
+            &mut link.key,
+            &mut link.authority,
+            &mut machine.registers,
+        ]
+        .into_iter()
+        .flatten()
         {
             *file = folder.join(&file);
         }
@@ -231,7 +247,21 @@ impl MachineFile {
             StoreError::MachineFile(Box::new(found))
         };
         let read: Text = toml::from_str(text).map_err(|e| refuse(e.span().map(|s| s.start), e.message()))?;
-        read.checked().map_err(|(at, message)| refuse(Some(at), &message))
+        let machine = read.checked().map_err(|(at, message)| refuse(Some(at), &message))?;
+        if let Some((name, message)) = machine.contradiction() {
+            // Each number could be by itself: the place is that of the last key of this kind.
+            let keys = crate::machine_told::values(text);
+            let there = keys
+                .iter()
+                .rev()
+                .find(|told| told.key.rsplit('.').next().is_some_and(|key| key.contains(name)));
+            let mut found = Diagnostic::error("machine-file", message).in_file(file);
+            if let Some(told) = there {
+                found = found.at_line(told.line, told.column);
+            }
+            return Err(StoreError::MachineFile(Box::new(found)));
+        }
+        Ok(machine)
     }
 
     /// An axis; `None` when the machine has none of that name.
@@ -276,6 +306,14 @@ struct Text {
     #[serde(default)]
     link: LinkText,
     late_ticks_allowed: Option<Spanned<u32>>,
+    #[serde(default, rename = "loop")]
+    of_loop: Values,
+    #[serde(default)]
+    cutting: Values,
+    #[serde(default)]
+    tool_changer: Values,
+    card: Option<CardText>,
+    late_ticks_made_up: Option<Spanned<u32>>,
     #[serde(default)]
     programs: ProgramsText,
 }
@@ -284,6 +322,11 @@ struct Text {
 const LATE_TICKS: u32 = 5;
 /// A tenth of a second without control is no control.
 const MOST_LATE_TICKS: u32 = 100;
+/// What simulated drives wait for when nothing is said: a computer without realtime rights that compiles something is away for tens of
+/// milliseconds, and the set-points on their way bridge 200 to 500.
+const LATE_TICKS_MADE_UP: u32 = 500;
+/// Who was away for longer was suspended, and a person should know.
+const MOST_MADE_UP: u32 = 1000;
 
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -329,6 +372,12 @@ struct AxisText {
     pulses_per_mm: Positive,
     #[serde(default)]
     diameter: bool,
+    #[serde(default)]
+    homing: Values,
+    #[serde(default)]
+    servo: Values,
+    #[serde(default)]
+    mechanics: Values,
 }
 
 #[derive(Deserialize)]
@@ -336,6 +385,8 @@ struct AxisText {
 struct SpindleText {
     max_rpm: Positive,
     acceleration_rpm_s: Positive,
+    #[serde(default)]
+    drive: Values,
 }
 
 #[derive(Deserialize)]
@@ -404,7 +455,19 @@ impl TryFrom<i64> for Bytes {
 type Refusal = (usize, String);
 
 impl Text {
-    fn checked(self) -> Result<MachineFile, Refusal> {
+    fn checked(mut self) -> Result<MachineFile, Refusal> {
+        let of_axis = |axis: Option<&mut AxisText>| axis.map_or_else(AxisTables::default, AxisText::tables);
+        let model = Model::read(Tables {
+            axes: [
+                of_axis(Some(self.axes.x.get_mut())),
+                of_axis(self.axes.y.as_mut().map(Spanned::get_mut)),
+                of_axis(Some(self.axes.z.get_mut())),
+            ],
+            of_loop: self.of_loop,
+            spindle_drive: self.spindle.drive,
+            cutting: self.cutting,
+            tool_changer: self.tool_changer,
+        })?;
         let name_at = self.name.span().start;
         let name = self.name.into_inner();
         if name.is_empty() || name.chars().any(|c| c == '/' || c.is_control()) {
@@ -419,6 +482,9 @@ impl Text {
             .filter(|late| *late.get_ref() > MOST_LATE_TICKS)
         {
             return Err((late.span().start, format!("late_ticks_allowed is 0 to {MOST_LATE_TICKS}")));
+        }
+        if let Some(late) = self.late_ticks_made_up.as_ref().filter(|late| *late.get_ref() > MOST_MADE_UP) {
+            return Err((late.span().start, format!("late_ticks_made_up is 0 to {MOST_MADE_UP}")));
         }
         let kind = *self.kind.get_ref();
         if kind == MachineKind::Mill && self.axes.y.is_none() {
@@ -506,7 +572,20 @@ impl Text {
                 authority: self.link.authority,
             },
             late_ticks_allowed: self.late_ticks_allowed.map_or(LATE_TICKS, Spanned::into_inner),
+            model,
+            registers: self.card.map(|card| card.registers),
+            late_ticks_made_up: self.late_ticks_made_up.map_or(LATE_TICKS_MADE_UP, Spanned::into_inner),
         })
+    }
+}
+
+impl AxisText {
+    fn tables(&mut self) -> AxisTables {
+        AxisTables {
+            homing: std::mem::take(&mut self.homing),
+            servo: std::mem::take(&mut self.servo),
+            mechanics: std::mem::take(&mut self.mechanics),
+        }
     }
 }
 
@@ -621,6 +700,10 @@ mod tests {
         check_refused(
             ("kind = \"mill\"", "kind = \"mill\"\nlate_ticks_allowed = 101"),
             "4:22: late_ticks_allowed is 0 to 100",
+        );
+        check_refused(
+            ("kind = \"mill\"", "kind = \"mill\"\nlate_ticks_made_up = 1001"),
+            "4:22: late_ticks_made_up is 0 to 1000",
         );
         check_refused(("[store]", "[link]\nport = 0\n[store]"), "98:8: ");
         check_refused(

@@ -28,6 +28,9 @@ pub const DEFAULTS: &[(&str, &str)] = &[
     ("store.raw_days", "90"),
     ("store.quota_bytes", "no limit"),
     ("programs.edited_outside", "\"warn\""),
+    ("late_ticks_allowed", "5"),
+    ("card.registers", "none: the simulator moves it"),
+    ("late_ticks_made_up", "500"),
 ];
 
 impl MachineFile {
@@ -37,14 +40,24 @@ impl MachineFile {
     /// As [`MachineFile::parse`]: what cannot be used is not told either.
     pub fn told(text: &str, file: &str) -> Result<Vec<Told>, StoreError> {
         Self::parse(text, file)?;
-        let mut found = Vec::new();
-        // It was parsed a moment ago.
-        if let Ok(table) = DeTable::parse(text) {
-            walk(text, "", table.get_ref(), &mut found);
-        }
-        found.sort_by_key(|(at, _)| *at);
-        Ok(found.into_iter().map(|(_, told)| told).collect())
+        Ok(values(text))
     }
+
+    /// What the keys come to that a file leaves out, for this machine.
+    pub fn defaults(&self) -> Vec<(String, String)> {
+        let fixed = DEFAULTS.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned()));
+        fixed.chain(self.model_in_force()).collect()
+    }
+}
+
+/// Every value of a text, as far as it is TOML, in its order.
+pub(crate) fn values(text: &str) -> Vec<Told> {
+    let mut found = Vec::new();
+    if let Ok(table) = DeTable::parse(text) {
+        walk(text, "", table.get_ref(), &mut found);
+    }
+    found.sort_by_key(|(at, _)| *at);
+    found.into_iter().map(|(_, told)| told).collect()
 }
 
 fn walk(text: &str, above: &str, table: &DeTable<'_>, found: &mut Vec<(usize, Told)>) {

@@ -65,7 +65,7 @@ fn machine_like(rows: u64) -> impl Iterator<Item = Sample> {
             path_speed: speed,
             spindle_speed: 8000.0 + noise(0.4),
             spindle_load: 35.0 + noise(0.4),
-            overrides: machine::Overrides::default(),
+            ..Sample::default()
         }
     })
 }

@@ -23,12 +23,20 @@ const ALLOWED: &[&str] = &[
     "BSL-1.0",
 ];
 
-/// The long runs: name, package, test name filter, environment variable of the count, and the full count.
-const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
-    ("world", "cell", "a_hundred_seeds_of_faults_break_nothing", "SEEDS", 10_000),
+/// The long runs: name, package, file of tests or a pattern of such, test name filter, environment variable of the count, and the full count.
+const SOAKS: &[(&str, &str, &str, &str, &str, u64)] = &[
+    (
+        "world",
+        "cell",
+        "*",
+        "a_hundred_seeds_of_faults_break_nothing",
+        "SEEDS",
+        10_000,
+    ),
     (
         "kill",
         "store",
+        "kill",
         "a_process_killed_at_any_moment_loses_nothing_it_acknowledged",
         "KILLS",
         200,
@@ -36,6 +44,7 @@ const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
     (
         "sizing",
         "store",
+        "kill_sizing",
         "killed_between_any_two_writes_a_change_is_applied_once_or_not_at_all_and_the_log_says_which",
         "KILLS",
         200,
@@ -43,6 +52,7 @@ const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
     (
         "recording",
         "store",
+        "kill_recording",
         "a_recording_killed_at_any_moment_has_every_acknowledged_row_once",
         "KILLS",
         200,
@@ -50,6 +60,7 @@ const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
     (
         "retention",
         "store",
+        "kill_retention",
         "a_process_killed_while_it_removes_old_rows_leaves_nothing_half_removed",
         "KILLS",
         200,
@@ -57,6 +68,7 @@ const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
     (
         "link",
         "cell",
+        "link",
         "a_hundred_seeds_of_link_faults_move_nothing_wrong_and_the_part_is_finished",
         "SEEDS",
         1_000,
@@ -64,6 +76,7 @@ const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
     (
         "text-link",
         "cell",
+        "text_link_faults",
         "a_damaged_text_link_ends_in_a_defined_stop_and_what_cannot_be_noticed_is_counted",
         "SEEDS",
         1_000,
@@ -71,6 +84,7 @@ const SOAKS: &[(&str, &str, &str, &str, u64)] = &[
     (
         "blocks",
         "motion",
+        "laws",
         "a_long_program_passes_through_a_bounded_window",
         "BLOCKS",
         10_000_000,
@@ -85,7 +99,7 @@ fn main() -> ExitCode {
         ["fuzz", ref words @ ..] => fuzz(words),
         _ => {
             eprintln!("usage: cargo xtask licences | cargo xtask soak NAME | cargo xtask fuzz NAME|all --seconds N\nsoaks:");
-            for (name, package, test, _, count) in SOAKS {
+            for (name, package, _, test, _, count) in SOAKS {
                 eprintln!("  {name:9} {package}::{test}, {count} times");
             }
             ExitCode::from(2)
@@ -147,7 +161,7 @@ fn fuzz(words: &[&str]) -> ExitCode {
 }
 
 fn soak(name: &str) -> ExitCode {
-    let Some((_, package, test, variable, count)) = SOAKS.iter().find(|s| s.0 == name) else {
+    let Some((_, package, file, test, variable, count)) = SOAKS.iter().find(|s| s.0 == name) else {
         eprintln!("there is no soak '{name}': cargo xtask lists them");
         return ExitCode::from(2);
     };
@@ -158,7 +172,7 @@ fn soak(name: &str) -> ExitCode {
         .unwrap_or_default();
     let began = Instant::now();
     let status = Command::new("cargo")
-        .args(["test", "--release", "-p", package, "--", test, "--nocapture"])
+        .args(["test", "--release", "-p", package, "--test", file, "--", test, "--nocapture"])
         .env(variable, count.to_string())
         .status();
     let good = status.is_ok_and(|s| s.success());

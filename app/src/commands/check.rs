@@ -42,7 +42,7 @@ pub fn check(args: &ProgramArgs, common: &Common) -> Done {
         Some(directory) => Acting::of(&directory, common)?.level,
     };
     let functions = functions::look(&program, &tables)?;
-    functions::checks(&functions, level.map(ledger::Level::number), &mut all);
+    functions::checks(&functions, level, &mut all);
     if let Some(directory) = shop::directory_to_look(common)?
         && let Some(known) = directory.known_program(&program.path).map_err(shop::failure)?
         && let Some(text) = cycle_start::difference(&program.path, program.hash, &known)

@@ -2,8 +2,9 @@
 
 use super::{Done, print_json};
 use crate::cli::{Common, ControllerArgs, LinkName};
+use crate::controller::drives::Drives;
 use crate::controller::gamepad::{Gamepad, Pad};
-use crate::controller::realtime::{AtOnce, Lateness, Privileges, Servo, every_cycle};
+use crate::controller::realtime::{AtOnce, Privileges, Punctuality, Servo, every_cycle};
 use crate::controller::recording::Recording;
 use crate::controller::serving::{Served, serve};
 use crate::controller::text_serving;
@@ -14,14 +15,13 @@ use crate::program::machine_for;
 use crate::{say, shop};
 use cell::link::{LinkReceiver, MachineCard, TextReceiver};
 use machine::link::Follower;
-use machine::{Plant, Quality, RealtimeHalf, Request};
+use machine::{Quality, RealtimeHalf, Request};
 use serde_json::json;
 use std::net::{IpAddr, SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::mpsc;
 use store::MachineFile;
-use units::Point;
 
 /// Where a controller listens when nothing says another port.
 pub const PORT: u16 = 7450;
@@ -37,6 +37,14 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
         .check()
         .map_err(|e| Failure::unreadable(format_args!("{}: {e}", machine.name)))?;
     let stop = super::stopped_by_signals()?;
+    if args.until_stdin_ends {
+        let stop = Arc::clone(&stop);
+        std::thread::spawn(move || {
+            // Whatever is said there is for nobody.
+            let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+            stop.store(true, Relaxed);
+        });
+    }
     let ip: IpAddr = args.listen;
     let server = certificates::for_listening(ip, &machine.link)?;
     let listener = listen(args, &machine, ip)?;
@@ -56,32 +64,48 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
             "{ip}: the text protocol has neither encryption nor checksums; it is for programs on this computer, 127.0.0.1"
         )));
     }
-    let plant = Plant::new(&parameters, Point::ORIGIN, common.seed);
-    let quality = Quality::Simulated;
+    let drives = Drives::of(&machine, &parameters, common.seed)?;
+    let quality = drives.quality();
     let (mut servo, mut ends) = Servo::new(
-        RealtimeHalf::with_pad(&parameters, plant, pad, quality),
+        RealtimeHalf::with_pad(&parameters, drives, pad, quality),
         (!text).then(Follower::new),
     );
     let _ = ends.at_once.push(AtOnce::Request(Request::PowerOn));
-    let (lateness, ended) = (Arc::new(Lateness::default()), Arc::new(AtomicBool::new(false)));
+    // Real drives go on while this computer is away; simulated ones wait.
+    let made_up = if quality == Quality::Simulated {
+        machine.late_ticks_made_up
+    } else {
+        0
+    };
+    let (punctuality, ended) = (Arc::new(Punctuality::default()), Arc::new(AtomicBool::new(false)));
     let (to_privileges, privileges) = mpsc::channel();
     let realtime = std::thread::spawn({
-        let (lateness, ended) = (Arc::clone(&lateness), Arc::clone(&ended));
+        let (punctuality, ended) = (Arc::clone(&punctuality), Arc::clone(&ended));
         move || {
             let taken = Privileges::take();
             let _ = to_privileges.send((taken.to_string(), taken.lacks(), taken.complete()));
-            every_cycle(&lateness, &ended, |tick| servo.cycle(tick));
+            every_cycle(&punctuality, &ended, made_up.into(), |tick, late| {
+                servo.late_cycle(tick, late)
+            });
         }
     });
     let (has, lacks, complete) = privileges
         .recv()
         .expect("the realtime thread says what it has before anything else");
-    tell_start(&listener, &machine, (&has, &lacks, complete), common)?;
+    tell_start(&listener, &machine, quality, (&has, &lacks, complete), made_up, common)?;
 
     let served = if text {
         let mut recording = match &args.record {
             None => None,
-            Some(folder) => Some(Recording::into(folder, &machine.name, quality == Quality::Simulated)?),
+            Some(folder) => {
+                let address = listener.local_addr().map(|a| format!("tcp://{a}")).unwrap_or_default();
+                Some(Recording::into(
+                    folder,
+                    &machine.name,
+                    &address,
+                    quality == Quality::Simulated,
+                )?)
+            }
         };
         let place = text_serving::Place {
             listener: &listener,
@@ -105,7 +129,7 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
     };
     ended.store(true, Relaxed);
     realtime.join().expect("the realtime thread does not panic");
-    tell_end(&served, &lateness, common)?;
+    tell_end(&served, &punctuality, common)?;
     Ok(if served.at_rest { Exit::Good } else { Exit::Machine })
 }
 
@@ -125,7 +149,9 @@ fn listen(args: &ControllerArgs, machine: &MachineFile, ip: IpAddr) -> Result<Tc
 fn tell_start(
     listener: &TcpListener,
     machine: &MachineFile,
+    quality: Quality,
     (has, lacks, complete): (&str, &[String], bool),
+    made_up: u32,
     common: &Common,
 ) -> Result<(), Failure> {
     let address = listener
@@ -135,22 +161,44 @@ fn tell_start(
         let told = json!({
             "address": format!("tcp://{address}"),
             "machine": machine.name,
-            "simulated": true,
+            "simulated": quality == Quality::Simulated,
             "realtime": has,
             "punctual": complete,
             "lacks": lacks,
+            "late_ticks_made_up": made_up,
+            "late_ticks_allowed": machine.late_ticks_allowed,
         });
         say(&told.to_string());
     } else {
-        say(&format!("{} (SIMULATED) listens on tcp://{address}", machine.name));
+        let simulated = if quality == Quality::Simulated { " (SIMULATED)" } else { "" };
+        say(&format!("{}{simulated} listens on tcp://{address}", machine.name));
     }
     eprintln!("realtime task: {has}");
     lacks.iter().for_each(|line| eprintln!("warning: {line}"));
+    let without = if complete {
+        ""
+    } else {
+        "without these rights cycles come late more often; "
+    };
+    eprintln!("{without}{}", late_cycles(made_up, machine.late_ticks_allowed));
     Ok(())
 }
 
-fn tell_end(served: &Served, lateness: &Lateness, common: &Common) -> Result<(), Failure> {
-    let summary = lateness.summary();
+/// What becomes of late cycles, for a person.
+fn late_cycles(made_up: u32, allowed: u32) -> String {
+    if made_up == 0 {
+        return format!(
+            "up to {allowed} late cycles in a row are tolerated (late_ticks_allowed of the machine file), after more comes a controlled stop"
+        );
+    }
+    format!(
+        "up to {made_up} late cycles in a row are tolerated, because simulated drives wait for them (late_ticks_made_up of the machine file); \
+         after more comes a controlled stop, and all are counted"
+    )
+}
+
+fn tell_end(served: &Served, punctuality: &Punctuality, common: &Common) -> Result<(), Failure> {
+    let (summary, wake_ups) = (punctuality.cycles.summary(), punctuality.wake_ups.summary());
     let counters = &served.counters;
     if common.json {
         return print_json(&json!({
@@ -163,6 +211,7 @@ fn tell_end(served: &Served, lateness: &Lateness, common: &Common) -> Result<(),
             "starvations": counters.starvations,
             "lost_reports": served.lost_reports,
             "lateness": summary,
+            "wake_ups": wake_ups,
         }));
     }
     say(&format!(

@@ -3,9 +3,11 @@
 //! A part is made from STEP-NC on the simulated machine with a wrong set-up planted in one workingstep; the rebuild finds and names it,
 //! from the whole record and from positions as an MTConnect agent gives them. A shaft is turned from G-code with a worn tool; its
 //! measured size becomes one offset change, and the next shaft is better. A recording and a synchronized action are put into the bracket's
-//! program, done by the machine and posted. Every number that is printed is computed here and now.
+//! program, done by the machine and posted. A controller in a process of its own machines a part of the bracket in real time. Every number
+//! that is printed is computed here and now.
 
 mod asked;
+mod two_processes;
 
 use super::size::{self, Bench, Entering};
 use super::{Done, print_json};
@@ -67,9 +69,10 @@ pub fn demo(args: &DemoArgs, common: &Common) -> Done {
     let bracket = story.bracket()?;
     let shaft = story.shaft()?;
     let asked = story.asked()?;
+    let two_processes = story.two_processes()?;
     let findings = directory.verify().map_err(shop::failure)?;
     tell("");
-    tell("4. The proof");
+    tell("5. The proof");
     tell(&format!(
         "   the data directory holds {} jobs, {} records and their chained events; verified: {}",
         directory.jobs().map_err(shop::failure)?.len(),
@@ -82,7 +85,8 @@ pub fn demo(args: &DemoArgs, common: &Common) -> Done {
     ));
     tell(&format!("   files: {}", folder.display()));
     tell("   look at bracket/report.html first; run it on your own program: toolmark run PROGRAM --fast --out DIR");
-    let true_story = bracket.came_true && shaft.came_true && asked.came_true && findings.is_empty();
+    let chapters = [&bracket, &shaft, &asked, &two_processes];
+    let true_story = chapters.iter().all(|chapter| chapter.came_true) && findings.is_empty();
     if quiet {
         print_json(&json!({
             "simulated": true,
@@ -92,6 +96,7 @@ pub fn demo(args: &DemoArgs, common: &Common) -> Done {
             "bracket": bracket.numbers,
             "shaft": shaft.numbers,
             "asked": asked.numbers,
+            "two_processes": two_processes.numbers,
             "verified": findings.is_empty(),
             "came_true": true_story,
         }))?;
@@ -356,7 +361,7 @@ impl Story<'_> {
             who: &who,
             drives: Drives::World,
             stop: None,
-            level: Some(ledger::Level::HIGHEST.number()),
+            person: json!({ "level": ledger::Level::HIGHEST.number(), "authenticated_by": "none" }),
             found: None,
             asked: Asked::default(),
         };

@@ -34,7 +34,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
     }
     let start = clock::start_time(common.start.as_deref())?;
     let stop = stopped_by_signals()?;
-    let asked = people::unchecked_name(common);
+    let asked = people::shown_to_others(common);
     let driver = Driver::connect(
         common,
         args.machine_file.as_deref(),
@@ -120,7 +120,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
                 who: &who,
                 drives: drives_of(&driver),
                 stop: Some(&stop),
-                level: acting.level.map(ledger::Level::number),
+                person: acting.json(),
                 found: None,
                 asked: Asked::default(),
             };

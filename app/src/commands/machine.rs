@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use store::machine_file::BUILT_IN;
-use store::machine_told::{DEFAULTS, Told};
+use store::machine_told::Told;
 use store::{MachineFile, MachineKind, Register, WholeFile};
 use units::Axis;
 
@@ -193,12 +193,12 @@ fn show(common: &Common) -> Done {
             in_file: None,
         });
     }
-    for (key, value) in DEFAULTS {
-        let is_there = told.iter().any(|t| t.key == *key || t.key.starts_with(&format!("{key}.")));
+    for (key, value) in machine.defaults() {
+        let is_there = told.iter().any(|t| t.key == key || t.key.starts_with(&format!("{key}.")));
         if !is_there {
             shown.push(Shown {
-                key: (*key).to_owned(),
-                value: (*value).to_owned(),
+                key,
+                value,
                 from: "default".to_owned(),
                 line: None,
                 event: None,

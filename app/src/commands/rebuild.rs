@@ -4,6 +4,7 @@ use super::{Done, print_json, tolerance};
 use crate::cli::{Common, DisplayUnits, PlacementName, RebuildArgs};
 use crate::execution::as_executed;
 use crate::failure::{Exit, Failure};
+use crate::link::driven::{self, Driven};
 use crate::printed::Printed;
 use crate::program::{Program, machine_for, named_machine};
 use crate::recording::{self, Said};
@@ -13,7 +14,17 @@ use crate::{clock, files, say, shop};
 use asrun::{PlanOptions, PlannedProgram, Verdict};
 use plan::Severity;
 use std::collections::BTreeMap;
+use std::path::Path;
 use stepnc::twin::{Placement, TwinOptions};
+
+/// The answer as JSON.
+#[derive(serde::Serialize)]
+struct Told<'a> {
+    #[serde(flatten)]
+    report: &'a asrun::Report,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    driven: Option<&'a Driven>,
+}
 
 /// Runs the command.
 ///
@@ -47,6 +58,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
     for diagnostic in found.iter().filter(|d| d.severity != Severity::Remark) {
         eprintln!("{diagnostic}");
     }
+    let driven = driven_in(record_file);
     let options = asrun::Options {
         name: args.name.clone().unwrap_or_else(|| "run 1".to_owned()),
         tolerance,
@@ -98,7 +110,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         let name = program.as_ref().map_or("", |p| p.name.as_str());
         let page = Page {
             course: None,
-            driven: None,
+            driven: driven.as_ref(),
             printed: &Printed::default(),
             program: name,
             machine: &record.source,
@@ -109,14 +121,26 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         report::write(&page, folder)?;
     }
     if common.json {
-        print_json(report)?;
+        print_json(&Told {
+            report,
+            driven: driven.as_ref(),
+        })?;
     } else {
+        for line in driven.iter().flat_map(Driven::lines) {
+            say(&format!("  {line}"));
+        }
         report::print(report, common.units.unwrap_or_default());
         say(&format!("file: {}", args.out.display()));
     }
     let judged = args.tolerance.is_some() && matches!(report.verdict, Verdict::OutOfTolerance | Verdict::Incomplete);
     let damaged = found.iter().any(|d| d.severity == Severity::Error);
     Ok(if judged || damaged { Exit::Negative } else { Exit::Good })
+}
+
+/// What a controller that kept the record itself says of the run; `None` for any other recording.
+fn driven_in(record: &Path) -> Option<Driven> {
+    let reader = store::record::Reader::open(record).ok()?;
+    serde_json::from_str(reader.metadata().get(driven::METADATA_KEY)?).ok()
 }
 
 /// The plan of a program for comparison, on the machine that the settings mean.

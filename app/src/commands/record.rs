@@ -3,12 +3,14 @@
 use super::{Done, print_json};
 use crate::cli::{Common, RecordArgs};
 use crate::failure::{Exit, Failure};
+use crate::people::Acting;
 use crate::recorder::Sink;
 use crate::recorder::observations::ObservationsSink;
 use crate::recorder::session::{self, Ended};
 use crate::recorder::store::{StoreSink, Wanted};
 use crate::recorder::text::TextSink;
 use crate::{clock, program, say, shop};
+use ledger::Action;
 use mtconnect::client::gap::Gap;
 use mtconnect::client::query::Query;
 use mtconnect::client::session::Client;
@@ -86,7 +88,10 @@ fn into_data_directory(
 ) -> Done {
     let machine = program::machine_for(&common.machine, false)?;
     let mut directory = shop::data_directory(common)?;
-    shop::retain(&mut directory, &machine, clock::start_time(common.start.as_deref())?)?;
+    let start = clock::start_time(common.start.as_deref())?;
+    let acting = Acting::of(&directory, common)?;
+    acting.must(Action::Record, &mut directory, start)?;
+    shop::retain(&mut directory, &machine, start)?;
     let wanted = Wanted {
         of: Recorded {
             source: source.to_owned(),

@@ -46,7 +46,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     }
     let named = if behind { None } else { named_machine(&common.machine)? };
     let mut program = Program::open(&args.program, common.dialect.as_deref(), named.as_ref())?;
-    let asked = people::unchecked_name(common);
+    let asked = people::shown_to_others(common);
     if args.link == LinkName::Text {
         if !overriding.is_nothing() || approach.is_some() {
             return Err(Failure::usage(
@@ -87,11 +87,12 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         Some((&shop::parameters(&machine), in_spindle)),
     );
     let mut all = checks(&found, travels(&machine), &tables);
-    functions::checks(
-        &functions::look_at(&mut *stream_of(&program, &tables, take_up.as_ref())?, &program.name),
-        acting.level.map(ledger::Level::number),
-        &mut all,
-    );
+    let asked = functions::look_at(&mut *stream_of(&program, &tables, take_up.as_ref())?, &program);
+    functions::checks(&asked, acting.level, &mut all);
+    if asked.all_modes {
+        // One of the reasons below when it is refused; here it comes into the log.
+        let _ = acting.ask(Action::StartAllModes, &mut directory, start)?;
+    }
     if !common.json {
         all.iter().filter(|c| c.state != State::Ok).for_each(print);
     }
@@ -136,7 +137,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         who: &who,
         drives: drives_of(&driver),
         stop: Some(&stop),
-        level: acting.level.map(ledger::Level::number),
+        person: acting.json(),
         found: edited.clone(),
         asked: Asked {
             take_up: take_up.as_ref().zip(told.as_ref()),
@@ -306,7 +307,7 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
     let stream = || stream_of(program, &tables, take_up.as_ref());
     let found = survey(stream()?, &tables, shop::limits(&machine));
     let mut all = checks(&found, travels(&machine), &tables);
-    functions::checks_of_text_link(&functions::look_at(&mut *stream()?, &program.name), &mut all);
+    functions::checks_of_text_link(&functions::look_at(&mut *stream()?, program), &mut all);
     if !common.json {
         all.iter().filter(|c| c.state != State::Ok).for_each(print);
     }
@@ -351,6 +352,7 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
             done.lines
         ));
         losses.iter().chain(&done.told).for_each(|line| say(&format!("  {line}")));
+        say("  the record is with the controller (--record DIR): toolmark rebuild PROGRAM RECORD --out F.stpnc --report DIR");
     }
     Ok(if done.ended.is_none() { Exit::Good } else { Exit::Negative })
 }
@@ -413,7 +415,17 @@ impl Driver {
         // Each run is a plan of its own: it begins where the machine stands now.
         let plan = Hash::of(format!("{name} {}", start.0).as_bytes());
         let plan = PlanId(plan.0);
-        let (remote, found) = Remote::connect(&address, client, name, plan, &shop::parameters(&machine), patience)?;
+        let connected = Remote::connect(&address, client, name, plan, &shop::parameters(&machine), patience);
+        let (remote, found) = connected.map_err(|mut failure| {
+            if failure.message.contains("other limits") {
+                let kind = if turns { "program turns" } else { "program mills" };
+                failure.message.push_str(&format!(
+                    " (here it is '{}': the {kind}); --machine-file names another",
+                    machine.name
+                ));
+            }
+            failure
+        })?;
         if found.name != machine.name {
             shop::notice(&format!(
                 "{address} is '{}'; the plan is made for '{}', which has the same limits",
@@ -491,7 +503,7 @@ pub fn tell_outcome(
             done.record.rows
         ));
         if let Some(driven) = &done.driven {
-            say(&format!("  {}", driven.line()));
+            driven.lines().iter().for_each(|line| say(&format!("  {line}")));
         }
         done.course.lines().iter().for_each(|line| say(&format!("  {line}")));
         for gap in &done.gaps {
@@ -503,8 +515,10 @@ pub fn tell_outcome(
         }
         functions::print(&done.printed.functions);
         let folder = done.folder.display();
+        let recorded = done.printed.functions.iter().any(|told| told.data.contains_key("streams"));
+        let values = if recorded { ", functions.parquet" } else { "" };
         say(&format!(
-            "files: {folder}/as-executed.stpnc, report.html, report.json, record.parquet"
+            "files: {folder}/as-executed.stpnc, report.html, report.json, record.parquet{values}"
         ));
     }
     Ok(if good { Exit::Good } else { Exit::Negative })

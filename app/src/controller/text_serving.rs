@@ -51,6 +51,8 @@ pub fn serve(
     let mut last: Option<Report> = None;
     let mut stopped_since: Option<Instant> = None;
     let mut stopping: Option<Instant> = None;
+    // Commands that went to the realtime thread.
+    let mut given: u64 = 0;
     let mut bytes = Vec::new();
     loop {
         // ---- the receiving task
@@ -105,6 +107,7 @@ pub fn serve(
                 receiver.give_back(order);
                 break;
             }
+            given += u64::from(matches!(order, TextOrder::Command(_)));
         }
 
         // ---- the sending task
@@ -112,8 +115,9 @@ pub fn serve(
             served.counters = report.counters;
             last = Some(report);
             receiver.reported(&report);
+            let done = report.counters.completed + report.counters.discarded;
             if let Some(recording) = recording
-                && let Some(line) = recording.hear(&report, receiver.machining())
+                && let Some(line) = recording.hear(&report, receiver.machining(), given.saturating_sub(done))
             {
                 say(&line);
             }

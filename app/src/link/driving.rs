@@ -1,5 +1,8 @@
 //! A run on a machine behind the link: in real time, with the office half on this side.
 
+pub use super::driven::Driven;
+use super::driven::{OnLink, Watched};
+use super::own_count::OwnCount;
 use super::remote::{Heard, Remote};
 use crate::failure::Failure;
 use crate::foreseen::Foresight;
@@ -13,9 +16,7 @@ use cell::{CommandSource, OfficeHalf, RecordSink};
 use ledger::Event;
 use machine::watch::{Firing, LoadError};
 use machine::{Counters, Overrides, Quality, Report, Request, Sample, State};
-use serde::Serialize;
 use std::cell::RefCell;
-use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use trace::record::{Row, Stream};
@@ -28,54 +29,6 @@ const BECOMING_READY: Duration = Duration::from_secs(3);
 
 /// How long a machine may take for one condition of a program.
 const LOADING: Duration = Duration::from_secs(10);
-
-/// What only a run in real time can tell.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Driven {
-    /// Where the controller is.
-    pub controller: String,
-    /// Largest distance of each axis from where it shall be, mm.
-    pub following_error_max_mm: [f64; 3],
-    /// Its root mean square while the axes move, mm.
-    pub following_error_rms_mm: [f64; 3],
-    /// Set-points on their way to the machine or in its queue while the path moved and was to move on, ms of motion: fewest; `None` when no
-    /// motion was so long that it could tell.
-    pub buffer_fewest_ms: Option<u64>,
-    /// The mean of them.
-    pub buffer_mean_ms: f64,
-    /// Servo cycles that did not take place.
-    pub late_ticks: u64,
-    /// Times that happened.
-    pub late_gaps: u64,
-    /// Times set-points did not come in time.
-    pub starvations: u64,
-    /// Times the connection was cut.
-    pub link_cuts: u64,
-    /// Times the machine was led back onto the path.
-    pub resumed: u64,
-}
-
-impl Driven {
-    /// The fewest set-points ahead, in words.
-    pub fn fewest(&self) -> String {
-        self.buffer_fewest_ms
-            .map_or_else(|| "not known".to_owned(), |ms| format!("{ms} ms"))
-    }
-
-    /// One line for people.
-    pub fn line(&self) -> String {
-        let worst = self.following_error_max_mm.iter().copied().fold(0.0, f64::max);
-        format!(
-            "driven over {}: following error at most {worst:.4} mm, buffer {} at least and {:.0} ms on average, {} late ticks, {} starvations, {} link cuts",
-            self.controller,
-            self.fewest(),
-            self.buffer_mean_ms,
-            self.late_ticks,
-            self.starvations,
-            self.link_cuts
-        )
-    }
-}
 
 /// Makes the machine ready for a new run: acknowledges what the last one left, and waits until it stands ready.
 ///
@@ -203,7 +156,7 @@ pub fn run<S: CommandSource, K: RecordSink>(
     let mut seen = Seen::new(sink);
     office.tell("job-started", Tick(0), started, &mut seen);
     let mut progress = Progress::new("running");
-    let mut first: Option<Report> = None;
+    let mut own = OwnCount::default();
     let mut now = Tick(0);
     let mut stop_asked = false;
     let mut told_displaced = false;
@@ -220,16 +173,16 @@ pub fn run<S: CommandSource, K: RecordSink>(
             loading = true;
             remote.load(Load::from(compiled));
         }
+        office.machine_begun_anew(remote.begun_anew(), &mut seen);
         let mut wait = LOOK;
         while let Some(Heard { report, firings }) = remote.report(wait)? {
             wait = Duration::ZERO;
-            let base = *first.get_or_insert(report);
-            let report = since(&base, report);
+            let report = own.report(report, Instant::now());
             now = report.sample.tick;
             seen.report(&report, remote.status().0.ahead);
             (drive.watch)(&report);
             for firing in firings {
-                let tick = Tick(firing.tick.0.saturating_sub(base.sample.tick.0));
+                let tick = own.tick(firing.tick);
                 office.fired(Firing { tick, ..firing });
             }
             if let Some(request) = office.receive(&report, None, &mut seen) {
@@ -257,7 +210,7 @@ pub fn run<S: CommandSource, K: RecordSink>(
             keep(now, seen.sink, ended)?;
         }
         let status = remote.status().0;
-        let step = first.and(seen.last).map_or(StepId::NONE, |sample| sample.step);
+        let step = seen.last.map_or(StepId::NONE, |sample| sample.step);
         drive.far.borrow_mut().at(now, step, status.path_length);
         match status.displaced {
             Some(distance) if !told_displaced => {
@@ -273,7 +226,7 @@ pub fn run<S: CommandSource, K: RecordSink>(
                 "{}{} of machine time, buffer {depth} ms, following error {:.4} mm, {} late ticks",
                 drive.far.borrow().words(),
                 minutes(now.seconds().0),
-                seen.following.iter().copied().fold(0.0, f64::max),
+                seen.watched.worst_following_error(),
                 seen.counters.late_ticks
             )
         });
@@ -291,11 +244,18 @@ pub fn run<S: CommandSource, K: RecordSink>(
                 commands: office.commands(),
                 outstanding: office.commands().saturating_sub(seen.counters.completed),
                 counters: seen.counters,
-                worst_following_error: seen.following.iter().copied().fold(0.0, f64::max),
+                worst_following_error: seen.watched.worst_following_error(),
                 chain: office.chain(),
                 digest: seen.digest.hash(),
             };
-            return Ok((outcome, seen.driven(&remote.address.to_string(), cuts, status.resumed)));
+            let on = OnLink {
+                link: "default",
+                controller: remote.address.to_string(),
+                leases: remote.leases(),
+                cuts,
+                resumed: status.resumed,
+            };
+            return Ok((outcome, seen.watched.driven(&seen.counters, on)));
         }
     }
 }
@@ -303,7 +263,9 @@ pub fn run<S: CommandSource, K: RecordSink>(
 /// What is said when the machine stands beside its path and does not go back by itself.
 fn displaced(distance: f64) -> String {
     format!(
-        "the machine stands {distance:.2} mm from its path and does not go on. Look at what lies between. Then stop this run (Ctrl-C) and take          the job up from above with toolmark run ... --resume last; or run with --approach {}, which lets it go straight back at 10 mm/s          from so far away",
+        "the machine stands {distance:.2} mm from its path and does not go on. Look at what lies between. Then stop this run (Ctrl-C) and take \
+         the job up from above with toolmark run ... --resume last; or run with --approach {}, which lets it go straight back at 10 mm/s \
+         from so far away",
         (distance + 1.0).ceil()
     )
 }
@@ -341,43 +303,6 @@ impl Turned {
     }
 }
 
-/// A cycle as a run counts it: its own first cycle is 0, and what was counted before it is not its own.
-fn since(base: &Report, mut report: Report) -> Report {
-    report.sample.tick = Tick(report.sample.tick.0.saturating_sub(base.sample.tick.0));
-    let (now, before) = (&mut report.counters, &base.counters);
-    // `completed` is the link's own account of this plan.
-    let Counters {
-        accepted,
-        discarded,
-        late_ticks,
-        late_gaps,
-        starved_ticks,
-        starvations,
-        off_path_stops,
-        bridged_readings,
-        following_warnings,
-        in_position_time_outs,
-        spindle_limited,
-        ..
-    } = now;
-    for (now, before) in [
-        (accepted, before.accepted),
-        (discarded, before.discarded),
-        (late_ticks, before.late_ticks),
-        (late_gaps, before.late_gaps),
-        (starved_ticks, before.starved_ticks),
-        (starvations, before.starvations),
-        (off_path_stops, before.off_path_stops),
-        (bridged_readings, before.bridged_readings),
-        (following_warnings, before.following_warnings),
-        (in_position_time_outs, before.in_position_time_outs),
-        (spindle_limited, before.spindle_limited),
-    ] {
-        *now = now.saturating_sub(before);
-    }
-    report
-}
-
 /// The caller's sink, with the run looking on.
 struct Seen<'s, K> {
     sink: &'s mut K,
@@ -385,17 +310,8 @@ struct Seen<'s, K> {
     samples: u64,
     last: Option<Sample>,
     counters: Counters,
-    following: [f64; 3],
-    squares: [f64; 3],
-    moving: u64,
-    fewest: u64,
-    /// Of the last cycles of the present motion: at its end the queue has to run empty, and that is no lack.
-    recent: VecDeque<u64>,
-    depths: f64,
+    watched: Watched,
 }
-
-/// Cycles at the end of a motion whose depth does not count: more than are ever under way.
-const LAST_OF_MOTION: usize = 300;
 
 impl<'s, K> Seen<'s, K> {
     fn new(sink: &'s mut K) -> Self {
@@ -405,55 +321,14 @@ impl<'s, K> Seen<'s, K> {
             samples: 0,
             last: None,
             counters: Counters::default(),
-            following: [0.0; 3],
-            squares: [0.0; 3],
-            moving: 0,
-            fewest: u64::MAX,
-            recent: VecDeque::with_capacity(LAST_OF_MOTION + 1),
-            depths: 0.0,
+            watched: Watched::default(),
         }
     }
 
     fn report(&mut self, report: &Report, depth: u64) {
         self.counters = report.counters;
-        let sample = &report.sample;
-        self.last = Some(*sample);
-        let moves = report.state == State::Running && sample.path_speed > 0.0;
-        for k in 0..3 {
-            let error = (sample.commanded[k] - sample.actual[k]).abs();
-            self.following[k] = self.following[k].max(error);
-            if moves {
-                self.squares[k] += error * error;
-            }
-        }
-        if !moves {
-            self.recent.clear();
-            return;
-        }
-        self.moving += 1;
-        self.depths += depth as f64;
-        self.recent.push_back(depth);
-        if self.recent.len() > LAST_OF_MOTION
-            && let Some(before) = self.recent.pop_front()
-        {
-            self.fewest = self.fewest.min(before);
-        }
-    }
-
-    fn driven(&self, controller: &str, link_cuts: u64, resumed: u64) -> Driven {
-        let count = self.moving.max(1) as f64;
-        Driven {
-            controller: controller.to_owned(),
-            following_error_max_mm: self.following,
-            following_error_rms_mm: self.squares.map(|sum| (sum / count).sqrt()),
-            buffer_fewest_ms: (self.fewest != u64::MAX).then_some(self.fewest),
-            buffer_mean_ms: self.depths / count,
-            late_ticks: self.counters.late_ticks,
-            late_gaps: self.counters.late_gaps,
-            starvations: self.counters.starvations,
-            link_cuts,
-            resumed,
-        }
+        self.last = Some(report.sample);
+        self.watched.see(&report.sample, report.state == State::Running, depth);
     }
 }
 

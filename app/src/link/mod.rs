@@ -4,7 +4,9 @@
 
 pub mod address;
 pub mod certificates;
+pub mod driven;
 pub mod driving;
+pub mod own_count;
 pub mod remote;
 pub mod socket;
 pub mod text_run;

@@ -34,6 +34,8 @@ const AGAIN: Duration = Duration::from_millis(300);
 const GIVEN_UP: Duration = Duration::from_secs(30);
 /// How long the controller may take to say who it is.
 const GREETING: Duration = Duration::from_secs(5);
+/// An alert of TLS 1.0 to 1.3, as its record begins: the answer to whoever speaks without.
+const TLS_ALERT: [u8; 2] = [0x15, 0x03];
 /// How often the thread looks.
 const LOOK: Duration = Duration::from_millis(1);
 
@@ -62,8 +64,11 @@ struct Shared {
     status: SenderStatus,
     lost_reports: u64,
     lost_firings: u64,
+    begun_anew: u64,
     /// Times the connection was cut.
     cuts: u64,
+    /// Times the controller gave this side the machine.
+    leases: u64,
     ended: Option<String>,
     /// The newest report, whoever else gets it.
     last: Option<Report>,
@@ -123,6 +128,8 @@ impl Remote {
             began: Instant::now(),
             patience,
             heard_of: None,
+            linked: false,
+            cut_at: None,
             command: None,
             report: VecDeque::new(),
             not_kept: 0,
@@ -234,6 +241,11 @@ impl Remote {
         (shared.status, shared.cuts)
     }
 
+    /// Times the controller gave this side the machine: once, and again after each cut.
+    pub fn leases(&self) -> u64 {
+        self.lock().leases
+    }
+
     /// Reports that were lost, in all.
     pub fn lost_reports(&self) -> u64 {
         self.lock().lost_reports
@@ -242,6 +254,11 @@ impl Remote {
     /// Firings of conditions that were lost, in all.
     pub fn lost_firings(&self) -> u64 {
         self.lock().lost_firings
+    }
+
+    /// Times that the controller knew nothing of the run any more, in all.
+    pub fn begun_anew(&self) -> u64 {
+        self.lock().begun_anew
     }
 
     fn lock(&self) -> MutexGuard<'_, Shared> {
@@ -278,6 +295,10 @@ struct Speaker {
     patience: Duration,
     /// When the controller was there last; `None` before it was.
     heard_of: Option<Instant>,
+    /// The present connection has the lease.
+    linked: bool,
+    /// Since when there is none.
+    cut_at: Option<Instant>,
     /// A command that the sender had no place for.
     command: Option<Command>,
     /// Reports that the recorder had no place for.
@@ -305,6 +326,7 @@ impl Speaker {
                             "notice: the link to the controller is cut: {}; the machine stops on its path",
                             why.text
                         );
+                        self.cut_at.get_or_insert_with(Instant::now);
                         self.sender.disconnected(self.now());
                         self.lock().cuts += 1;
                     }
@@ -347,10 +369,12 @@ impl Speaker {
     /// Speaks on one connection until it ends, or the run.
     fn on(&mut self, mut socket: Socket) -> Result<(), Cut> {
         self.sender.connected(self.now());
+        self.linked = false;
         let (mut bytes, mut out) = (Vec::new(), Vec::new());
         loop {
             bytes.clear();
             let read = socket.read(&mut bytes);
+            self.is_of_this_kind(&bytes, read.is_err())?;
             // What came before the end counts: a refusal is the last word of a connection.
             let now = self.now();
             self.sender.receive(now, &bytes)?;
@@ -368,10 +392,44 @@ impl Speaker {
         }
     }
 
+    /// Says what is wrong where one side speaks encrypted and the other does not: in the words of the link that is only rubbish, or nothing.
+    fn is_of_this_kind(&self, bytes: &[u8], over: bool) -> Result<(), Cut> {
+        let wrong = |text: &str| {
+            Err(Cut {
+                is_final: true,
+                is_busy: false,
+                text: text.to_owned(),
+            })
+        };
+        if self.heard_of.is_some() {
+            return Ok(());
+        }
+        match &self.client {
+            None if bytes.starts_with(&TLS_ALERT) => wrong(
+                "it takes encrypted connections only: give certificate, key and authority in [link] of the machine file (--machine-file)",
+            ),
+            Some(_) if over && bytes.is_empty() => wrong(
+                "it closed the encrypted connection before it said who it is: it has no certificates itself, or does not take this \
+                 side's; what it says where it runs tells which",
+            ),
+            _ => Ok(()),
+        }
+    }
+
     /// From the run to the sender, and back.
     fn take_over(&mut self) {
-        if self.sender.status().linked {
+        let linked = self.sender.status().linked;
+        if linked {
             self.heard_of = Some(Instant::now());
+        }
+        if linked && !std::mem::replace(&mut self.linked, linked) {
+            self.lock().leases += 1;
+            if let Some(since) = self.cut_at.take() {
+                eprintln!(
+                    "notice: the link to the controller is back after {:.1} s",
+                    since.elapsed().as_secs_f64()
+                );
+            }
         }
         loop {
             if self.command.is_none() {
@@ -430,7 +488,7 @@ impl Speaker {
         });
         let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
         (shared.status, shared.lost_reports, shared.machine) = (status, lost + self.not_kept, machine);
-        shared.lost_firings = lost_firings;
+        (shared.lost_firings, shared.begun_anew) = (lost_firings, self.sender.begun_anew());
         shared.last = last.or(shared.last);
     }
 }

@@ -185,7 +185,7 @@ pub fn run(
         bytes.clear();
         if socket.read(&mut bytes).is_err() {
             return Err(Failure::machine(format_args!(
-                "{address}: the controller closed the connection: another one drives the machine, or it ended"
+                "{address}: the controller closed the connection: another one drives the machine, it ended, or it was started without --link text"
             )));
         }
         progress.at(|| format!("{} lines", sender.lines()));

@@ -6,8 +6,8 @@
 
 use super::protocol::{Coolant, Go, Operation, Turn};
 use plan::{
-    Answer, CoolantState, Diagnostic, Feed, FileId, FrameChange, Level, Marker, Missing, Move, Next, Origin, Path, PathMode,
-    Place, ProgramStream, Speed, SpindleMode, SpindleState, Step, StepKind, Tables, ToolCall, ToolEntry, ToolOffset,
+    Answer, CoolantState, Diagnostic, Feed, FileId, FrameChange, Level, Marker, Move, Next, Origin, Path, PathMode, Place,
+    ProgramStream, Speed, SpindleMode, SpindleState, Step, StepKind, Tables, ToolCall, ToolEntry, ToolOffset,
 };
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -208,6 +208,16 @@ impl LivePlan {
         }));
         self.call_tool(operation)?;
         self.kinds.push(StepKind::Spindle(self.spindle(operation)?));
+        let feeds = |go: &Go| matches!(go, Go::Line { .. } | Go::Arc { .. });
+        if operation.spindle.is_none()
+            && !operation.standing_spindle
+            && let Some(index) = operation.moves.iter().position(feeds)
+        {
+            return Err(format!(
+                "move {} is a feed move and the spindle stands: give spindle, or standing_spindle true where that is meant",
+                index + 1
+            ));
+        }
         let Coolant { flood, mist, through } = operation.coolant;
         self.kinds.push(StepKind::Coolant(CoolantState { flood, mist, through }));
         self.kinds.push(StepKind::PathMode(match operation.tolerance_mm {
@@ -256,7 +266,7 @@ impl LivePlan {
                 };
                 self.tables.tools.insert(number, entry);
             }
-            (None, None) if self.tables.missing == Missing::Fail => {
+            (None, None) => {
                 return Err(format!("the machine does not know tool {}: give its length_mm", tool.number));
             }
             _ => {}

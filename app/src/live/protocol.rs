@@ -47,8 +47,11 @@ pub struct Operation {
     pub name: String,
     /// With what.
     pub tool: Tool,
-    /// How it turns; it stands when nothing is said.
+    /// How it turns; without it the spindle stands, and nothing is cut.
     pub spindle: Option<Spindle>,
+    /// Feed moves with a standing spindle are meant: to scribe, to touch.
+    #[serde(default)]
+    pub standing_spindle: bool,
     /// Which outlets are open; all are closed when nothing is said.
     #[serde(default)]
     pub coolant: Coolant,

@@ -81,15 +81,35 @@ impl Session {
         match said {
             Ok(said) => Line::Said(Box::new(said)),
             Err(_) if !whole && text.len() as u64 >= LONGEST_LINE => {
+                drop(text);
                 self.refuse(&format!(
                     "line {number} does not end within {LONGEST_LINE} bytes: split the operation"
                 ));
-                // What comes is its rest, and nothing behind it can be told from it.
-                Line::Over
+                if self.pass_over_line() { Line::Wrong } else { Line::Over }
             }
             Err(why) => {
                 self.refuse(&why);
                 Line::Wrong
+            }
+        }
+    }
+
+    /// Reads to the end of a line without keeping it; false when the connection ends before.
+    fn pass_over_line(&self) -> bool {
+        let mut lines = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+        loop {
+            let (taken, ended) = match lines.fill_buf() {
+                Ok([]) => return false,
+                Ok(bytes) => match bytes.iter().position(|byte| *byte == b'\n') {
+                    Some(at) => (at + 1, true),
+                    None => (bytes.len(), false),
+                },
+                Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+                Err(_) => return false,
+            };
+            lines.consume(taken);
+            if ended {
+                return true;
             }
         }
     }

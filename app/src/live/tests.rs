@@ -34,6 +34,7 @@ fn operation(name: &str, tool: u32, moves: Vec<Go>) -> Operation {
             rpm: 6000.0,
             direction: Turn::Cw,
         }),
+        standing_spindle: false,
         coolant: Coolant::default(),
         tolerance_mm: None,
         moves,
@@ -100,6 +101,7 @@ fn any_operations(seed: u64) -> Vec<Operation> {
                 direction: Turn::Ccw,
             }),
         ][number(3) as usize];
+        one.standing_spindle = one.spindle.is_none();
         all.push(one);
     }
     all
@@ -287,6 +289,8 @@ fn an_operation_that_cannot_be_done_is_refused_and_changes_nothing() {
     });
     check_refused(&one, "at most 18000 are needed");
     one.spindle = None;
+    check_refused(&one, "move 1 is a feed move and the spindle stands");
+    one.standing_spindle = true;
     one.tolerance_mm = Some(-0.1);
     check_refused(&one, "a tolerance of -0.1 mm");
     check_refused(&bad(vec![Go::Dwell { time_s: 1e308 }]), "a dwell of");
@@ -296,6 +300,8 @@ fn an_operation_that_cannot_be_done_is_refused_and_changes_nothing() {
 fn a_tool_that_the_machine_does_not_know_has_the_length_that_the_add_in_gives() {
     let mut live = plan();
     let mut one = operation("drill", 77, vec![Go::Rapid { to: [0.0, 0.0, 50.0] }]);
+    let why = live.add(&one).expect_err("nobody knows how long it is");
+    assert!(why.contains("does not know tool 77: give its length_mm"), "{why}");
     one.tool.length_mm = Some(88.5);
     live.add(&one).expect("taken");
     assert_eq!(live.tables().tools[&units::ToolNumber(77)].geometry.0.xyz[2], 88.5);

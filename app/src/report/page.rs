@@ -84,21 +84,16 @@ fn head(out: &mut String, page: &Page<'_>, title: &str) {
     fact("tolerance", &tolerance);
     if let Some(driven) = page.driven {
         let three = |v: [f64; 3]| v.map(|mm| format!("{mm:.4}")).join(", ");
-        fact("driven over", &driven.controller);
+        fact("driven over", &format!("{}, {} link", driven.controller, driven.link));
         fact(
-            "following error X, Y, Z",
-            &format!("at most {} mm", three(driven.following_error_max_mm)),
+            "following error X, Y, Z at most",
+            &format!("{} mm", three(driven.following_error_max_mm)),
         );
         fact("its rms in motion", &format!("{} mm", three(driven.following_error_rms_mm)));
-        fact(
-            "buffer in motion",
-            &format!("{} at least, {:.0} ms on average", driven.fewest(), driven.buffer_mean_ms),
-        );
-        fact("late ticks", &format!("{} in {} gaps", driven.late_ticks, driven.late_gaps));
-        fact(
-            "starved, link cut",
-            &format!("{} times, {} times", driven.starvations, driven.link_cuts),
-        );
+        fact("buffer in motion", &driven.buffer());
+        fact("late ticks", &driven.late());
+        fact("times the buffer ran empty", &driven.starvations.to_string());
+        fact("the link", &driven.on_the_link());
     }
     if let Some(time) = page.course.and_then(|course| course.time) {
         let of = |percent: Option<f64>| percent.map_or_else(String::new, |p| format!(" ({p:+.1} %)"));
@@ -437,7 +432,7 @@ main{max-width:820px;margin:0 auto;padding:24px 16px 64px}\
 header{display:flex;justify-content:space-between;align-items:baseline;gap:16px;flex-wrap:wrap}\
 h1{font-size:22px;margin:0;overflow-wrap:anywhere}h2{font-size:17px;margin:32px 0 8px}\
 .verdict{margin:0;padding:4px 14px;border:2px solid;border-radius:6px;font-weight:600}\
-.good{color:var(--good)}.bad{color:var(--bad)}.none{color:var(--dim)}\
+.good{color:var(--good)}.bad{color:var(--bad)}.none{color:var(--dim)}td.good,td.none{white-space:nowrap}\
 .simulated{border-left:4px solid var(--warn);padding:4px 12px;color:var(--warn);font-weight:600}\
 dl{display:grid;grid-template-columns:repeat(auto-fill,minmax(230px,1fr));gap:4px 24px;margin:16px 0}\
 dt{color:var(--dim);font-size:13px}dd{margin:0;font-variant-numeric:tabular-nums}\

@@ -8,6 +8,7 @@
 //! on close            sender.disconnected(now)
 //! every ms or so      office.refill(|command| sender.push(command))
 //!                     sender.output(now, &mut bytes)?        write them; an error: close the connection
+//!                     office.machine_begun_anew(sender.begun_anew(), ..)
 //!                     while let Some(report) = sender.report() {
 //!                         while let Some(firing) = sender.firing(report.sample.tick) { office.fired(firing) }
 //!                         office.receive(&report, ..) -> sender.request(request)

@@ -8,7 +8,7 @@ use crate::events::{self, Detail, detail};
 use crate::sink::RecordSink;
 use crate::source::{CommandSource, Output};
 use ledger::Chain;
-use machine::watch::{Firing, LoadError, Situation};
+use machine::watch::{Firing, LoadError, Situation, WatchOrder};
 use machine::{Command, Counters, FaultCause, Overrides, Report, Request, Sample, State, StopCause, Wait};
 use plan::{Alarm, Answer, Level, Place, Question, Step, StepKind};
 use serde_json::{Value, json};
@@ -27,6 +27,8 @@ const SLOW: f64 = 2.0;
 
 /// Cycles for which the axes have to stand before a run is over.
 const SETTLING: u64 = 30;
+/// Cycles after which a person who asked for home asks again.
+const ASKS_AGAIN: u64 = 1_000;
 /// Cycles for which the person waits at a starved machine for set-points to come back: a minute.
 const PATIENCE: u64 = 60_000;
 
@@ -114,6 +116,7 @@ pub struct OfficeHalf<'a, S> {
     counters: Counters,
     overrides: Overrides,
     lost_reports: u64,
+    begun_anew: u64,
     /// Cycles in the present waiting state.
     waited: u64,
     /// Cycles for which the axes have stood, and where.
@@ -202,6 +205,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             counters: Counters::default(),
             overrides: Overrides::default(),
             lost_reports: 0,
+            begun_anew: 0,
             waited: 0,
             stood: 0,
             stands_at: [0.0; 3],
@@ -258,11 +262,16 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
                 }
                 Output::Passed(step) => {
                     self.last_step = step.id;
+                    let mut after = self.commands;
                     if let Some(recorder) = &mut self.functions {
                         let orders = recorder.orders(&step);
                         self.take_orders(orders, step.id);
+                        // A condition is over when the machine has stopped it: until then it fires, behind a cut for a long time.
+                        if self.orders.iter().any(stops_a_condition) {
+                            after += self.orders.len() as u64;
+                        }
                     }
-                    self.pending.push_back((self.commands, Pending::Step(step)));
+                    self.pending.push_back((after, Pending::Step(step)));
                 }
                 Output::Ask(question) => self.asked = Some(question),
                 Output::End => {
@@ -356,6 +365,20 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         self.decide(report, sink)
     }
 
+    /// Times that the controller knew nothing of the run any more, in all: it was started again, or did something else in between. What it
+    /// had not told is lost, and nobody knows how much. Conditions and recordings wait until the machine goes on.
+    pub fn machine_begun_anew(&mut self, times: u64, sink: &mut dyn RecordSink) {
+        if times > self.begun_anew {
+            self.begun_anew = times;
+            let Sample { tick, step, .. } = self.last_sample;
+            if let Some(recorder) = &mut self.functions {
+                recorder.started_again(tick);
+            }
+            self.tell_functions(sink);
+            self.emit("controller-begun-anew", step, tick, Detail::new(), sink);
+        }
+    }
+
     /// Reports that were lost on the way, in all: a gap in the record is told.
     pub fn reports_lost(&mut self, lost: u64, now: Tick, sink: &mut dyn RecordSink) {
         if lost > self.lost_reports {
@@ -406,11 +429,12 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
 
     /// What the functions do in this cycle, and what they have to tell of it.
     fn do_functions(&mut self, report: &Report, sink: &mut dyn RecordSink) {
+        let over = self.is_all_done(report);
         let Some(recorder) = &mut self.functions else { return };
         for firing in self.firings.drain(..) {
             recorder.fired(&firing);
         }
-        recorder.state(report.state, report.sample.tick);
+        recorder.state(report.state, report.sample.tick, over);
         recorder.take_samples();
         self.tell_functions(sink);
     }
@@ -625,14 +649,19 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         }
     }
 
-    /// Whether the run is over, and what is asked of the machine.
-    fn decide(&mut self, report: &Report, sink: &mut dyn RecordSink) -> Option<Request> {
-        let all_done = self.source_over
+    /// True when there is nothing left of the program to do or to tell.
+    fn is_all_done(&self, report: &Report) -> bool {
+        self.source_over
             && self.waiting.is_none()
             && self.orders.is_empty()
             && self.to_load.is_none()
             && self.pending.is_empty()
-            && report.counters.completed == self.commands;
+            && report.counters.completed == self.commands
+    }
+
+    /// Whether the run is over, and what is asked of the machine.
+    fn decide(&mut self, report: &Report, sink: &mut dyn RecordSink) -> Option<Request> {
+        let all_done = self.is_all_done(report);
         let at_rest = stands(report);
         let mut request = None;
         let mut ended = None;
@@ -668,7 +697,8 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
             State::Fault(cause) if at_rest => ended = Some(Ended::Fault(cause)),
             // Somebody who is there homes it; what was asked goes on then.
             State::NotHomed if at_rest => match self.operator.cycle_start_after {
-                Some(cycles) if self.waited == cycles => request = Some(Request::Home),
+                // The request may have been lost with a connection: a person presses the button again.
+                Some(cycles) if self.waited % (cycles + ASKS_AGAIN) == cycles => request = Some(Request::Home),
                 Some(_) => {}
                 None => ended = Some(Ended::NotHomed),
             },
@@ -699,6 +729,16 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         }
         request
     }
+}
+
+fn stops_a_condition(command: &Command) -> bool {
+    matches!(
+        command,
+        Command::Watch {
+            order: WatchOrder::Stop(_),
+            ..
+        }
+    )
 }
 
 /// No axis is faster than the noise of its encoder: whether it really stands shows over time.

@@ -2,21 +2,20 @@
 #![allow(clippy::disallowed_methods, reason = "SEED picks one random run")]
 
 mod common;
+#[path = "common/judge.rs"]
+mod judge;
 #[path = "common/program.rs"]
 mod program;
 
-use cell::link::world::{LinkedConfig, LinkedWorld};
+use cell::link::world::{LinkFault, LinkedConfig, LinkedWorld};
 use cell::sink::Kept;
 use cell::source::Planned;
-use cell::{Ended, World, WorldConfig};
+use cell::{Ended, Output, World, WorldConfig};
 use common::small_program;
-use machine::{MachineParameters, Sample};
-
-fn machine() -> MachineParameters {
-    let mut machine = MachineParameters::small_machining_centre();
-    machine.tool_change = units::Seconds(0.3);
-    machine
-}
+use judge::{kind, machine, machined, machined_of, set_points};
+use machine::{Command, Sample, State};
+use std::collections::BTreeMap;
+use units::Tick;
 
 /// The run without a link.
 fn direct(program: Planned) -> (Ended, Kept) {
@@ -95,166 +94,6 @@ fn a_late_wire_makes_the_run_later_and_not_another() {
 
 // -- faults
 
-use cell::Output;
-use cell::link::channel::Damage;
-use cell::link::world::LinkFault;
-use machine::{Command, Report, SetPoint, State};
-use std::collections::BTreeMap;
-use units::Tick;
-
-/// The set-points of a plan, in order.
-fn set_points(program: &Planned) -> Vec<SetPoint> {
-    let commands = program.outputs.iter().filter_map(|o| match o {
-        Output::Command(Command::SetPoint(s)) => Some(*s),
-        _ => None,
-    });
-    commands.collect()
-}
-
-/// The tolerance of a workingstep that says nothing, mm.
-const TOLERANCE: f64 = 0.05;
-
-/// What the machine was told, held against the plan.
-#[derive(Debug, Default)]
-struct Verdict {
-    ended: Option<Ended>,
-    ticks: u64,
-    /// Rows in which the machine was given a new place: a set-point of the plan, bit by bit; one on its path at a scaled time; one within
-    /// the tolerance; on the way back after drives had stopped by themselves; beside it.
-    bit_equal: u64,
-    scaled: u64,
-    within: u64,
-    approaching: u64,
-    beside: u64,
-    /// How far the furthest of `scaled` is from the path, mm, and of `approaching`.
-    furthest: f64,
-    furthest_back: f64,
-    /// Cycles of the plan that were passed over, and gone back to, at most.
-    skipped: f64,
-    back: f64,
-    /// Acceleration of the commanded places over the axis's limit, at most.
-    acceleration: f64,
-    off_path_stops: u64,
-    stops: u64,
-    resumed: u64,
-    approaches: u64,
-    left_alone: u64,
-    too_late: u64,
-    /// Cycles of the plan that were not come to.
-    left: u64,
-}
-
-/// Follows the commanded places along a plan.
-struct Judge<'a> {
-    plan: &'a [SetPoint],
-    /// Cycles of the plan behind the machine: 0 is where it stood.
-    phase: f64,
-    before: Option<Report>,
-    speed: [f64; 3],
-    verdict: Verdict,
-}
-
-impl<'a> Judge<'a> {
-    fn new(plan: &'a [SetPoint]) -> Self {
-        Judge {
-            plan,
-            phase: 0.0,
-            before: None,
-            speed: [f64::NAN; 3],
-            verdict: Verdict::default(),
-        }
-    }
-
-    /// Where a place is on the plan near the present phase, and how far beside it, mm.
-    fn locate(&self, p: [f64; 3]) -> (f64, f64) {
-        let from = (self.phase as usize).saturating_sub(3);
-        let mut best = (self.phase, f64::INFINITY);
-        let place = |n: usize| if n == 0 { [0.0; 3] } else { self.plan[n - 1].position };
-        for n in from..(from + 720).min(self.plan.len()) {
-            let (a, b) = (place(n), place(n + 1));
-            let d: [f64; 3] = std::array::from_fn(|k| b[k] - a[k]);
-            let t: [f64; 3] = std::array::from_fn(|k| p[k] - a[k]);
-            let length: f64 = d.iter().map(|x| x * x).sum();
-            let u = if length > 0.0 {
-                (0..3).map(|k| t[k] * d[k]).sum::<f64>() / length
-            } else {
-                0.0
-            };
-            let u = u.clamp(0.0, 1.0);
-            let beside = (0..3).map(|k| (t[k] - u * d[k]).powi(2)).sum::<f64>().sqrt();
-            if beside < best.1 - 1e-9 {
-                best = (n as f64 + u, beside);
-            }
-            // There, and the path may come by again.
-            if beside < 1e-7 && n as f64 + 1.0 >= self.phase {
-                break;
-            }
-        }
-        best
-    }
-
-    fn see(&mut self, report: &Report) {
-        let v = &mut self.verdict;
-        v.ticks = report.sample.tick.0;
-        v.off_path_stops = report.counters.off_path_stops;
-        // Drives that were left alone for too long stop by themselves, and not on the path.
-        v.left_alone += u64::from(report.state == State::Fault(machine::FaultCause::Drive));
-        let begins = |s: State| {
-            matches!(
-                s,
-                State::Holding | State::Stopping(_) | State::Held | State::WaitingThenHold(_)
-            )
-        };
-        let stopped = self.before.is_some_and(|b| !begins(b.state)) && begins(report.state);
-        v.stops += u64::from(stopped);
-        let p = report.sample.commanded;
-        let moves = self.before.is_some_and(|b| b.sample.commanded != p);
-        let follows = self.before.is_some_and(|b| report.sample.tick - b.sample.tick == 1);
-        if report.orders.mode == machine::DriveMode::Follow && report.state != State::Ready && moves {
-            let (phase, beside) = self.locate(p);
-            let index = phase.round() as usize;
-            let equal = phase > 0.5 && self.plan[index - 1].position.map(f64::to_bits) == p.map(f64::to_bits);
-            let v = &mut self.verdict;
-            if equal {
-                v.bit_equal += 1;
-            } else if beside < 0.002 {
-                v.scaled += 1;
-                v.furthest = v.furthest.max(beside);
-            } else if v.left_alone > 0 && beside > TOLERANCE {
-                v.approaching += 1;
-                v.furthest_back = v.furthest_back.max(beside);
-            } else if beside <= TOLERANCE {
-                v.within += 1;
-                v.furthest = v.furthest.max(beside);
-            } else {
-                v.beside += 1;
-                v.furthest = v.furthest.max(beside);
-            }
-            if beside < 0.002 && v.left_alone == 0 {
-                v.skipped = v.skipped.max(phase - self.phase - 1.0);
-                v.back = v.back.max(self.phase - phase);
-            }
-            if beside < 0.002 {
-                self.phase = phase;
-            }
-        }
-        let speed: [f64; 3] = match self.before {
-            Some(b) if follows => std::array::from_fn(|k| (p[k] - b.sample.commanded[k]) / 0.001),
-            _ => [f64::NAN; 3],
-        };
-        let v = &mut self.verdict;
-        for (now, before) in speed.iter().zip(self.speed) {
-            // Not a number where a cycle is missing: then nothing can be said.
-            let ratio = ((now - before) / 0.001).abs() / 3000.0;
-            if report.orders.mode == machine::DriveMode::Follow {
-                v.acceleration = v.acceleration.max(ratio);
-            }
-        }
-        self.speed = speed;
-        self.before = Some(*report);
-    }
-}
-
 /// Corners, bends and a helix, by the planner under the machine's limit of jerk.
 fn curved_program() -> Planned {
     let machine = machine();
@@ -272,57 +111,6 @@ fn curved_program() -> Planned {
     Planned {
         outputs: outputs.collect(),
     }
-}
-
-fn machined(faults: Vec<LinkFault>, seed: u64, delay: (u64, u64), tell: bool) -> Verdict {
-    machined_of(&small_program(), faults, seed, delay, tell)
-}
-
-fn machined_of(program: &Planned, faults: Vec<LinkFault>, seed: u64, delay: (u64, u64), tell: bool) -> Verdict {
-    let plan = set_points(program);
-    let config = LinkedConfig {
-        machine: machine(),
-        seed,
-        delay,
-        batch: 10,
-        faults,
-        restarts: 5,
-        ..LinkedConfig::default()
-    };
-    let mut world = LinkedWorld::new(config, || program.clone());
-    let mut judge = Judge::new(&plan);
-    let mut ended = None;
-    let mut before = State::Off;
-    while ended.is_none() && world.now().0 < 90_000 {
-        judge.verdict.left_alone += world.left_alone;
-        let mut seen = |report: &Report| {
-            if tell && report.state != before {
-                println!(
-                    "{:6} {:?} at {:?}",
-                    report.sample.tick.0, report.state, report.sample.commanded
-                );
-                before = report.state;
-            }
-            judge.see(report);
-        };
-        ended = world.advance(&mut (), &mut seen);
-    }
-    if tell {
-        println!(
-            "{:?} at {}\n{:?}\n{:?}",
-            ended,
-            world.now().0,
-            world.sender().map(|s| s.status()),
-            world.follower().status()
-        );
-    }
-    let left = (plan.len() as f64 - judge.phase).round() as u64;
-    let mut v = judge.verdict;
-    v.left = left;
-    v.ended = ended;
-    v.too_late = world.follower().too_late();
-    (v.resumed, v.approaches) = world.resumed();
-    v
 }
 
 #[test]
@@ -394,7 +182,7 @@ fn a_first_motion_that_nobody_knows_of_is_led_back_to_its_beginning_when_the_per
             (Some(Ended::Completed), 0, 0, 1, true)
         );
         assert!(
-            v.approaching > 100 && v.acceleration <= 1.1,
+            v.approaching > 100 && v.acceleration <= 1.05,
             "{} {}",
             v.approaching,
             v.acceleration
@@ -410,7 +198,7 @@ fn a_machine_on_the_path_of_a_first_motion_that_nobody_knows_of_goes_on_from_the
             (v.ended, v.left, v.beside, v.approaching, v.approaches, v.left_alone),
             (Some(Ended::Completed), 0, 0, 0, 0, 0)
         );
-        assert!(v.back <= 3.0 && v.skipped <= 10.0, "{} {}", v.back, v.skipped);
+        assert!(v.back <= 1.0 && v.skipped <= 10.0, "{} {}", v.back, v.skipped);
     }
 }
 
@@ -488,6 +276,59 @@ fn a_pause_before_the_first_motion_is_not_passed_over_because_of_where_the_machi
     assert!(phase == 0.0 && distance > 1.0, "{phase} {distance}");
 }
 
+#[test]
+fn the_way_back_onto_a_plan_that_uses_all_of_an_axis_asks_for_no_more_than_it_has() {
+    // Seeds 283, 249 and 317 of older soaks: led back between two set-points, where the plan brakes or speeds up with all that X has.
+    let cut = |at, ticks| LinkFault::Cut {
+        at: Tick(at),
+        ticks,
+        noticed: false,
+    };
+    let stall = |at, ticks| LinkFault::Stall { at: Tick(at), ticks };
+    let (at, ticks) = (Tick(545), 81);
+    for (seed, delay, faults) in [
+        (
+            283,
+            (1, 4),
+            vec![LinkFault::SenderKilled { at, ticks }, stall(2391, 541), cut(3063, 1598)],
+        ),
+        (
+            249,
+            (0, 4),
+            vec![
+                stall(2450, 289),
+                cut(2649, 1886),
+                LinkFault::LateTicks { at: Tick(664), count: 7 },
+            ],
+        ),
+        (317, (2, 4), vec![stall(2444, 719), stall(3776, 100)]),
+    ] {
+        let v = machined_of(&curved_program(), faults, seed, delay, false);
+        assert_eq!((v.ended, v.left, v.beside), (Some(Ended::Completed), 0, 0), "{seed}");
+        assert!(
+            v.acceleration <= 1.03 && v.back <= 1.0,
+            "{seed}: {} {}",
+            v.acceleration,
+            v.back
+        );
+    }
+}
+
+#[test]
+fn a_controller_that_was_started_again_at_rest_goes_back_by_nothing() {
+    // Seeds 264 and 954: it stands where its encoders say, a few micrometres before the end of a motion.
+    for (at, ticks) in [(3070, 263), (3038, 1908)] {
+        let fault = LinkFault::ControllerRestarted {
+            at: Tick(at),
+            ticks,
+            orderly: true,
+        };
+        let v = machined_of(&small_program(), vec![fault], 264, (0, 4), false);
+        assert_eq!((v.ended, v.left, v.beside), (Some(Ended::Completed), 0, 0));
+        assert!(v.back <= 1.0, "{}", v.back);
+    }
+}
+
 /// How many seeds: 100 in CI, more by `cargo xtask soak link`.
 fn seeds() -> Vec<u64> {
     let number = |name: &str| std::env::var(name).ok().and_then(|v| v.parse().ok());
@@ -514,25 +355,6 @@ struct Row {
     acceleration: f64,
 }
 
-fn kind(fault: &LinkFault) -> &'static str {
-    match fault {
-        LinkFault::Cut { noticed: true, .. } => "cut, noticed",
-        LinkFault::Cut { noticed: false, .. } => "cut, only silence",
-        LinkFault::Stall { ticks: ..=100, .. } => "stall of at most 100 ms",
-        LinkFault::Stall { .. } => "stall of more than 100 ms",
-        LinkFault::Damaged { damage, .. } => match damage {
-            Damage::Bit => "a bit",
-            Damage::Bytes => "corrupted bytes",
-            Damage::Twice => "duplicated bytes",
-            Damage::Missing => "missing bytes",
-        },
-        LinkFault::SenderKilled { .. } => "sender killed",
-        LinkFault::ControllerRestarted { orderly: true, .. } => "controller restarted, asked to",
-        LinkFault::ControllerRestarted { orderly: false, .. } => "controller killed",
-        LinkFault::LateTicks { .. } => "late ticks",
-    }
-}
-
 #[test]
 fn a_hundred_seeds_of_link_faults_move_nothing_wrong_and_the_part_is_finished() {
     let seeds = seeds();
@@ -545,11 +367,10 @@ fn a_hundred_seeds_of_link_faults_move_nothing_wrong_and_the_part_is_finished() 
         let faults = LinkFault::from_seed(seed, Tick(4000));
         let v = machined_of(program, faults.clone(), seed, (seed % 3, seed % 3 + seed % 5), tell);
         let whole = v.ended == Some(Ended::Completed) && v.left == 0;
-        // Late cycles are passed over, up to ten here. Near a rest a micrometre is a few cycles: a controller that was started anew stands
-        // where its encoders say.
-        let in_order = v.skipped <= 10.0 && v.back <= 3.0;
+        // Late cycles are passed over, up to ten here.
+        let in_order = v.skipped <= 10.0 && v.back <= 1.0;
         // The controller lets a change of its rate use 1.05 times the limit.
-        let good = whole && in_order && v.beside == 0 && v.off_path_stops == 0 && v.acceleration <= 1.1;
+        let good = whole && in_order && v.beside == 0 && v.off_path_stops == 0 && v.acceleration <= 1.05;
         if !good || tell {
             println!("seed {seed}: {faults:?}\n  {v:?}");
         }

@@ -302,7 +302,7 @@ fn bytes_that_are_no_frame_are_named_with_their_place() {
     newer[end..].copy_from_slice(&checksum.to_le_bytes());
     check(
         &newer,
-        "byte 0 of the connection: the other side speaks version 9 of the link, this one 2: use the same release on both",
+        "byte 0 of the connection: the other side speaks version 9 of the link, this one 3: use the same release on both",
     );
 }
 

@@ -208,9 +208,10 @@ fn whatever_is_asked_in_whatever_moment_the_path_is_kept_and_the_end_is_reached(
             let [v, a, j] = worst;
             assert!(v <= 500.5, "SEED={seed}: {v} mm/s");
             if with_jerk {
-                // A hold has to begin where the plan uses all that the axes have, and to end where the plan speeds up.
-                assert!(a <= 3000.0 * 1.05, "SEED={seed}: {a} mm/s^2");
-                assert!(j <= 50_000.0 * 3.0 && over <= 0.002, "SEED={seed}: {j} mm/s^3, {over}");
+                // A third difference is a mean of the jerk over three cycles, so a motion within its limits shows none above them; the rest is
+                // the plan's own 0.1 % and the cubic between its set-points.
+                assert!(a <= 3000.0 * 1.01, "SEED={seed}: {a} mm/s^2");
+                assert!(j <= 50_000.0 * 1.015 && over == 0.0, "SEED={seed}: {j} mm/s^3, {over}");
             } else {
                 assert!(a <= 3000.0 * 1.5, "SEED={seed}: {a} mm/s^2");
             }

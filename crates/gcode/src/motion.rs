@@ -92,6 +92,7 @@ impl Interpreter {
             Motion::Clockwise => self.arc(to, false, at, block, site)?,
             Motion::Counterclockwise => self.arc(to, true, at, block, site)?,
             Motion::Thread => self.thread_to(to, at, block, site)?,
+            Motion::RigidTap => self.tap_to(to, at, block, site)?,
         }
         if exact_stop {
             self.emit(StepKind::PathMode(self.path_mode));

@@ -39,6 +39,8 @@ pub struct Profile {
     pub increment: [f64; 2],
     /// False when words are taken as computed (LinuxCNC).
     pub rounds_words: bool,
+    /// K says how far a thread goes along its path in a revolution; else F says it for the axis that goes farther.
+    pub lead_in_k: bool,
     /// Seconds that a whole number behind the P of a dwell stands for.
     pub dwell_unit: f64,
     /// True when P of a dwell is a number of `dwell_unit` even with a point; else a point makes it seconds.
@@ -166,6 +168,8 @@ pub enum Motion {
     Counterclockwise,
     /// G32, on mills G33: tied to the spindle.
     Thread,
+    /// G33.1: tied to the spindle, in and out again.
+    RigidTap,
 }
 
 /// What F means: group 5.

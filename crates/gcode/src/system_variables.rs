@@ -491,6 +491,7 @@ impl Interpreter {
                 (Some(single), _) => f64::from(single.code()),
                 (None, Motion::Thread) if mill => 33.0,
                 (None, Motion::Thread) => 32.0,
+                (None, Motion::RigidTap) => 33.1,
                 (None, motion) => f64::from(motion as u8),
             },
             4002 if mill => f64::from(17 + self.plane as u8),

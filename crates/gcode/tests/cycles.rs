@@ -822,3 +822,76 @@ fn ten_thousand_holes_are_told_one_after_the_other() {
     // The way there, then over, down and up for each; the first goes down to R as well.
     assert_eq!(moves, 1 + 9999 * 3 + 1);
 }
+
+// ---- threads of RS274
+
+#[track_caller]
+fn rs274(program: &str, from: u32, expected: Expect) {
+    expected.assert_eq(&told(program, "rs274", mill_tables(), from));
+}
+
+#[test]
+fn k_of_g33_is_the_way_along_the_path_in_a_revolution_and_a_second_thread_follows_on() {
+    rs274(
+        "G21 G90 G17\nS500 M3\nG0 X0 Y0 Z2\nG33 Z-10 K1.5\nX2 Z-12 K1.5\nG0 Z5\nM2",
+        4,
+        expect![[r#"
+            4 line 0 0 2 -> 0 0 -10 thread 1.5/rev from 0deg
+            5 line 0 0 -10 -> 2 0 -12 thread 1.5/rev on
+            6 line 2 0 -12 -> 2 0 5 rapid
+            7 spindle stopped
+        "#]],
+    );
+}
+
+#[test]
+fn g33_1_goes_in_and_comes_out_with_the_spindle_turned_round() {
+    rs274(
+        "G20 G90 G17\nS500 M4\nG0 X0 Y0 Z0.1\nG33.1 Z-0.5 K0.05\nX1 Z-0.5 K0.05\nG0 Z0.2\nM2",
+        4,
+        expect![[r#"
+            4 line 0 0 2.54 -> 0 0 -12.7 thread 1.27/rev from 0deg
+            4 spindle cw 500 rpm
+            4 line 0 0 -12.7 -> 0 0 2.54 thread 1.27/rev on
+            4 spindle ccw 500 rpm
+            5 line 0 0 2.54 -> 25.4 0 -12.7 thread 1.27/rev from 0deg
+            5 spindle cw 500 rpm
+            5 line 25.4 0 -12.7 -> 0 0 2.54 thread 1.27/rev on
+            5 spindle ccw 500 rpm
+            6 line 0 0 2.54 -> 0 0 5.08 rapid
+            7 spindle stopped
+        "#]],
+    );
+}
+
+#[test]
+fn a_thread_of_rs274_without_lead_way_or_spindle_is_refused() {
+    rs274(
+        "G21 G90\nS500 M3\nG0 Z2\nG33 Z-10\nM2",
+        4,
+        expect![[r#"
+        error: test.nc:4:5: a thread without K, the way in a revolution; add K, the way in a revolution
+    "#]],
+    );
+    rs274(
+        "G21 G90\nS500 M3\nG0 Z2\nG33.1 Z-10 K0\nM2",
+        4,
+        expect![[r#"
+        error: test.nc:4:12: a thread without a lead; write a K above 0
+    "#]],
+    );
+    rs274(
+        "G21 G90\nG0 Z2\nG33.1 Z-10 K1\nM2",
+        3,
+        expect![[r#"
+        error: test.nc:3:7: a thread while the spindle stands: the axes would never move; start the spindle with G97 S and M3 or M4 first
+    "#]],
+    );
+    rs274(
+        "G21 G90\nS500 M3\nG0 Z2\nG33.1 Z2 K1\nM2",
+        4,
+        expect![[r#"
+        error: test.nc:4:7: G33.1 without a way to go; write the bottom of the hole
+    "#]],
+    );
+}

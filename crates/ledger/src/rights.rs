@@ -82,6 +82,14 @@ pub enum Action {
     Hold,
     /// Let them age again.
     Release,
+    /// Record another machine's agent into the data directory.
+    Record,
+    /// Copy the whole data directory.
+    Backup,
+    /// Make a data directory of a backup, where there is none.
+    Restore,
+    /// Write a program in another form, or a recording to a file.
+    Convert,
     /// Write the machine file.
     WriteMachineFile,
     /// Make an operator, change a level, take a level away.
@@ -90,7 +98,7 @@ pub enum Action {
 
 impl Action {
     /// Every action; an element's level stands for all of them.
-    pub const ALL: [Action; 19] = [
+    pub const ALL: [Action; 23] = [
         Action::Look,
         Action::Stop,
         Action::Run,
@@ -108,6 +116,10 @@ impl Action {
         Action::SetWorkOffset,
         Action::Hold,
         Action::Release,
+        Action::Record,
+        Action::Backup,
+        Action::Restore,
+        Action::Convert,
         Action::WriteMachineFile,
         Action::Assign,
     ];
@@ -115,17 +127,29 @@ impl Action {
     /// The level that it asks for; `None` when nobody needs to be signed in for it.
     pub fn needs(self) -> Option<Level> {
         let number = match self {
-            Action::Look | Action::Stop => return None,
             Action::Edit(level) => return Some(level),
-            Action::Run | Action::EnterSize | Action::Hold => 10,
+            Action::Run | Action::EnterSize | Action::Hold | Action::Record => 10,
             Action::StartAllModes => 6,
             Action::Restart | Action::SetWear | Action::SetWorkOffset => 5,
             Action::EndAllModes => 4,
             Action::AcceptOutsideEdit | Action::ExceedStep | Action::DeclareSizes => 3,
             Action::SetLargeWear | Action::SetGeometry | Action::Release => 3,
             Action::WriteMachineFile | Action::Assign => 2,
+            Action::Look | Action::Stop | Action::Backup | Action::Restore | Action::Convert => return None,
         };
         Some(Level(number))
+    }
+
+    /// Why nobody needs to be signed in for it; `None` where somebody does.
+    pub fn why_free(self) -> Option<&'static str> {
+        match self {
+            Action::Look => Some("who looks changes nothing"),
+            Action::Stop => Some("whoever sees the danger stops the machine"),
+            Action::Backup => Some("a copy changes nothing, and one that waits for a person is not made"),
+            Action::Restore => Some("it makes a data directory where there is none, and nothing can ask who may in none"),
+            Action::Convert => Some("it writes a new file and changes nothing that is kept"),
+            _ => None,
+        }
     }
 
     /// What it is, in words: `to set the wear of a tool`.
@@ -148,6 +172,10 @@ impl Action {
             Action::SetWorkOffset => "to set a work offset",
             Action::Hold => "to put a job on hold",
             Action::Release => "to release a job",
+            Action::Record => "to record a machine into the data directory",
+            Action::Backup => "to make a backup",
+            Action::Restore => "to restore a backup",
+            Action::Convert => "to convert a program or a recording",
             Action::WriteMachineFile => "to write the machine file",
             Action::Assign => "to make operators and give levels",
         }
@@ -173,6 +201,10 @@ impl Action {
             Action::SetWorkOffset => "set-work-offset",
             Action::Hold => "hold",
             Action::Release => "release",
+            Action::Record => "record",
+            Action::Backup => "backup",
+            Action::Restore => "restore",
+            Action::Convert => "convert",
             Action::WriteMachineFile => "write-machine-file",
             Action::Assign => "assign",
         }
@@ -217,7 +249,7 @@ pub fn may(level: Option<Level>, action: Action) -> Result<(), NotAllowed> {
     }
 }
 
-/// The whole table as text, for the manual and its test: a line an action, a column a level.
+/// The whole table as text, for the manual and its test: a line an action, a column a level, and behind what is free the reason.
 pub fn table() -> String {
     let mut text = String::from("action                  -  1  2  3  4  5  6  7  8  9 10\n");
     let mut line = |name: &str, action: Action| {
@@ -225,7 +257,8 @@ pub fn table() -> String {
         let marks: String = levels
             .map(|level| if may(level, action).is_ok() { "  +" } else { "  ." })
             .collect();
-        let _ = writeln!(text, "{name:<22}{marks}");
+        let why = action.why_free().map_or_else(String::new, |why| format!("  {why}"));
+        let _ = writeln!(text, "{name:<22}{marks}{why}");
     };
     for action in Action::ALL {
         match action {
@@ -249,10 +282,11 @@ mod tests {
     }
 
     #[test]
-    fn who_is_not_signed_in_may_look_and_stop_and_nothing_else() {
+    fn who_is_not_signed_in_may_do_what_changes_nothing_and_stop() {
         for action in Action::ALL {
-            let allowed = matches!(action, Action::Look | Action::Stop);
-            assert_eq!(may(None, action).is_ok(), allowed, "{action:?}");
+            let free = [Action::Look, Action::Stop, Action::Backup, Action::Restore, Action::Convert];
+            assert_eq!(may(None, action).is_ok(), free.contains(&action), "{action:?}");
+            assert_eq!(action.why_free().is_some(), free.contains(&action), "{action:?} says why");
             assert!(may(Some(Level::HIGHEST), action).is_ok(), "{action:?}");
         }
     }

@@ -29,6 +29,30 @@ pub struct SetPoint {
     /// The override it was planned for, 1 is 100 %: the machine runs slower than the plan where the override is below this. 0 where none
     /// acts on it: a thread is tied to the spindle and runs as planned, with the spindle at 100 %.
     pub planned_override: f64,
+    /// It belongs to an angle of the spindle: a thread. The machine then goes by the spindle's encoder, not by time.
+    pub tie: Option<Tie>,
+}
+
+/// How a set-point is tied to the angle of the spindle.
+///
+/// Planned time counts as angle: a cycle of the plan is the angle that the spindle turns in it at [`Tie::revolutions`]. Where the plan has
+/// reached its lead, path length less lead times angle is the same on every pass ([`Tie::start`]), whatever the spindle does.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tie {
+    /// Path length for each revolution, mm.
+    pub lead: f64,
+    /// Spindle speed that the plan was made for, rev/s, without sign.
+    pub revolutions: f64,
+    /// Angle from the index mark in the direction of rotation, turns, at which the path's first point is passed; `None` goes on from the
+    /// thread before.
+    pub start: Option<f64>,
+}
+
+impl Tie {
+    /// Speed along the path that keeps the lead at the planned spindle speed, mm/s.
+    pub fn speed(&self) -> f64 {
+        self.lead * self.revolutions
+    }
 }
 
 impl Default for SetPoint {
@@ -43,6 +67,7 @@ impl Default for SetPoint {
             path_speed: 0.0,
             rapid: false,
             planned_override: 1.0,
+            tie: None,
         }
     }
 }

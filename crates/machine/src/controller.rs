@@ -18,6 +18,8 @@ mod path;
 mod rate;
 mod supervision;
 mod switching;
+mod thread;
+mod turning;
 mod withdraw;
 
 use crate::drive::{AxisOrder, DriveMode, DriveOrders, Feedback};
@@ -27,10 +29,12 @@ use crate::parameters::{AxisParameters, MachineParameters};
 use crate::ring::Ring;
 use crate::sample::{Quality, Sample};
 use crate::servo::{PositionLoop, within};
+use crate::spindle_angle::SpindleAngle;
 use crate::state::{Event, FaultCause, HomingStage, State, StopCause, Wait, next_state};
 use crate::watch::Ordered;
-use crate::{Command, CoolantOutlets, SetPoint, SpindleCommand};
+use crate::{Command, CoolantOutlets, SetPoint, SpindleCommand, Tie};
 use admission::{is_rest, needs_rest};
+use thread::Thread;
 use units::{Rpm, StepId, TICK, Tick, ToolNumber, WorkingstepId};
 
 /// Commands that the queue takes: half a second of set-points.
@@ -95,7 +99,7 @@ pub struct Counters {
     pub completed: u64,
     /// Commands thrown away by a reset.
     pub discarded: u64,
-    /// Servo cycles that did not take place.
+    /// Servo cycles that did not take place in time.
     pub late_ticks: u64,
     /// Times that happened.
     pub late_gaps: u64,
@@ -130,10 +134,12 @@ pub struct Controller {
     here: SetPoint,
     /// How far towards the next one, in cycles of planned time.
     fraction: f64,
-    /// Planned time for each real time, 0..=1.
+    /// Planned time for each real time, 0..=[`Controller::highest_rate`].
     rate: f64,
     /// How fast that changes, 1/s.
     rate_change: f64,
+    /// What the rate may be at most: above 1 only where a thread follows its spindle.
+    highest_rate: f64,
     /// The program's plan jerks more than the axes should: it was made without that limit.
     is_jerky: bool,
     overrides: Overrides,
@@ -144,6 +150,8 @@ pub struct Controller {
     /// What was given to the drives.
     commanded: [f64; 3],
     commanded_velocity: [f64; 3],
+    /// Its last three places, the newest first.
+    trail: [[f64; 3]; 3],
     path_speed: f64,
     step: StepId,
     workingstep: WorkingstepId,
@@ -158,6 +166,9 @@ pub struct Controller {
     restoring: u64,
     /// Cycles for which a thread has waited for it.
     thread_waits: u64,
+    /// The angle of the spindle, and the thread that goes by it.
+    angle: SpindleAngle,
+    thread: Thread,
     /// Tool lengths that set-points are compensated by, of what is executed and of what is queued.
     length: Lengths,
     queued_length: Lengths,
@@ -202,12 +213,14 @@ impl Controller {
             fraction: 0.0,
             rate: 1.0,
             rate_change: 0.0,
+            highest_rate: 1.0,
             is_jerky: false,
             overrides: Overrides::default(),
             standing: true,
             astray: false,
             commanded: [0.0; 3],
             commanded_velocity: [0.0; 3],
+            trail: [[0.0; 3]; 3],
             path_speed: 0.0,
             step: StepId::NONE,
             workingstep: WorkingstepId(0),
@@ -218,6 +231,8 @@ impl Controller {
             spindle_rests: false,
             restoring: 0,
             thread_waits: 0,
+            angle: SpindleAngle::default(),
+            thread: Thread::default(),
             length: Lengths::default(),
             queued_length: Lengths::default(),
             hand: Hand::default(),
@@ -320,7 +335,13 @@ impl Controller {
             Request::PowerOff => self.happen(Event::PowerOff),
             Request::CycleStart => self.happen(Event::CycleStart),
             Request::Hold => self.happen(Event::Hold),
-            Request::Stop => self.happen(Event::Stop(StopCause::Asked)),
+            Request::Stop => {
+                if matches!(self.state, State::Ready | State::NotHomed) {
+                    // Nothing moves that a stop could end, but what a person turned on by hand.
+                    (self.spindle, self.coolant) = (SpindleCommand::Stop, CoolantOutlets::default());
+                }
+                self.happen(Event::Stop(StopCause::Asked));
+            }
             // Nothing is acknowledged while something still moves.
             Request::Reset if self.last_velocity.iter().all(|v| v.abs() < STANDSTILL) => self.happen(Event::Reset),
             Request::Reset => {}
@@ -355,12 +376,23 @@ impl Controller {
         core::mem::take(&mut self.notices)
     }
 
+    /// Counts cycles that come too late, one after another, on drives that have waited for them: simulated ones. No time was lost to the
+    /// motion, and none is passed over.
+    pub fn count_late(&mut self, cycles: u64) {
+        if cycles > 0 {
+            self.counters.late_ticks += cycles;
+            self.counters.late_gaps += 1;
+        }
+    }
+
     /// One servo cycle: `feedback` was measured at its beginning, the orders are for its duration.
     pub fn tick(&mut self, now: Tick, feedback: &Feedback) -> DriveOrders {
         let lost = self.last_tick.map_or(0, |last| (now - last).saturating_sub(1));
         self.last_tick = Some(now);
         let feedback = &self.in_machine_frame(feedback);
         let position = self.supervise(feedback, lost);
+        self.angle.take(feedback, 1 + lost);
+        self.supervise_thread(1 + lost);
         if lost > 0 {
             self.counters.late_ticks += lost;
             self.counters.late_gaps += 1;
@@ -399,6 +431,8 @@ impl Controller {
             spindle_speed: feedback.spindle_speed,
             spindle_load: feedback.spindle_load,
             overrides: self.overrides,
+            spindle_angle: self.angle.degrees(),
+            thread_error: self.thread.error,
         }
     }
 }

@@ -73,6 +73,10 @@ pub struct Feedback {
     pub spindle_speed: f64,
     /// Spindle torque, percent of rated.
     pub spindle_load: f64,
+    /// Angle of the spindle by its encoder, turns, counted on over whole turns, positive clockwise; `None` without such an encoder.
+    pub spindle_angle: Option<f64>,
+    /// Where that encoder passed its index pulse since the last cycle, turns, as [`Feedback::spindle_angle`] counts.
+    pub spindle_index: Option<f64>,
     /// True where the reference switch of an axis is made.
     pub reference_switch: [bool; 3],
     /// Where the encoder passed its index pulse since the last cycle, mm, as [`Feedback::position`] counts.

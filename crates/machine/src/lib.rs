@@ -24,10 +24,11 @@ pub mod registers;
 pub mod ring;
 pub mod sample;
 pub mod servo;
+mod spindle_angle;
 pub mod state;
 pub mod watch;
 
-pub use command::{Command, CoolantOutlets, SetPoint, SpindleCommand};
+pub use command::{Command, CoolantOutlets, SetPoint, SpindleCommand, Tie};
 pub use controller::{Controller, Counters, QUEUE, Request};
 pub use drive::{AxisOrder, CyclicDrive, DriveMode, DriveOrders, Feedback};
 pub use overrides::Overrides;

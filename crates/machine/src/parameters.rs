@@ -166,6 +166,12 @@ pub struct SpindleParameters {
     pub tolerance: f64,
     /// After this time without reaching its speed it is a fault.
     pub time_out: Seconds,
+    /// Counts in a turn of its encoder, which also gives an index pulse once a turn; 0 without one: no thread can be cut.
+    pub encoder_counts: f64,
+    /// How much later than its command it has a speed: time constant of its drive.
+    pub response: Seconds,
+    /// How fast it is slowed and turned round in a rigid tap, rad/s^2.
+    pub reversal: f64,
 }
 
 /// A rough cutting force: proportional to path speed while the spindle turns and the path speed is steady and can be a feed. All assumed:
@@ -259,6 +265,9 @@ impl MachineParameters {
                 viscous: 2.0e-4,
                 tolerance: 0.01,
                 time_out: Seconds(20.0),
+                encoder_counts: 4096.0,
+                response: Seconds(0.04),
+                reversal: 1000.0,
             },
             tool_change: Seconds(2.5),
             tool_change_stops_spindle: true,
@@ -291,6 +300,7 @@ impl MachineParameters {
                 power: 15_000.0,
                 friction: 1.5,
                 viscous: 2.0e-3,
+                reversal: 400.0,
                 ..mill.spindle
             },
             tool_change: Seconds(0.8),
@@ -357,6 +367,8 @@ impl MachineParameters {
             ("spindle.power", s.power),
             ("spindle.tolerance", s.tolerance),
             ("spindle.time_out", s.time_out.0),
+            ("spindle.response", s.response.0),
+            ("spindle.reversal", s.reversal),
             ("following_warning", self.following_warning.0),
             ("following_fault", self.following_fault.0),
             ("in_position", self.in_position.0),
@@ -365,6 +377,7 @@ impl MachineParameters {
         let not_negative = [
             ("spindle.friction", s.friction),
             ("spindle.viscous", s.viscous),
+            ("spindle.encoder_counts", s.encoder_counts),
             ("tool_change", self.tool_change.0),
             ("in_position_time_out", self.in_position_time_out.0),
             ("cutting.force_per_speed", c.force_per_speed),

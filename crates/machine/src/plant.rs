@@ -90,6 +90,15 @@ struct Spindle {
     /// rad/s, positive clockwise.
     speed: f64,
     torque: f64,
+    /// Turns since power-on; the index mark is at whole ones.
+    angle: f64,
+    /// The encoder's last reading, counts.
+    counts: f64,
+    /// Disturbance: extra braking torque, Nm.
+    dip: f64,
+    /// Disturbances: the encoder, or only its index pulse, is gone.
+    is_blind: bool,
+    has_no_index: bool,
 }
 
 impl Plant {
@@ -101,6 +110,12 @@ impl Plant {
                 parameters: parameters.spindle,
                 speed: 0.0,
                 torque: 0.0,
+                // Where it came to rest last is anywhere.
+                angle: 0.37,
+                counts: libm::floor(0.37 * parameters.spindle.encoder_counts),
+                dip: 0.0,
+                is_blind: false,
+                has_no_index: false,
             },
             cutting: parameters.cutting,
             cut_force: 0.0,
@@ -143,6 +158,21 @@ impl Plant {
         if let Some(axis) = self.axes.get_mut(axis) {
             axis.encoder_error = pulses;
         }
+    }
+
+    /// The spindle's true angle, turns since power-on, positive clockwise: what its encoder gives in whole counts.
+    pub fn spindle_angle(&self) -> f64 {
+        self.spindle.angle
+    }
+
+    /// Brakes the spindle by a torque on top of the cut's, Nm; 0 is normal.
+    pub fn set_spindle_dip(&mut self, torque: f64) {
+        self.spindle.dip = if torque.is_finite() { torque.max(0.0) } else { 0.0 };
+    }
+
+    /// Takes the spindle's encoder away, or only its index pulse.
+    pub fn set_spindle_encoder_fault(&mut self, is_blind: bool, has_no_index: bool) {
+        (self.spindle.is_blind, self.spindle.has_no_index) = (is_blind, has_no_index);
     }
 
     /// One servo cycle.
@@ -240,6 +270,7 @@ impl CyclicDrive for Plant {
         const RPM: f64 = 60.0 / core::f64::consts::TAU;
         let flutter = if self.spindle.speed == 0.0 { 0.0 } else { SPINDLE_NOISE };
         feedback.spindle_speed = self.spindle.speed * RPM + flutter * self.noise();
+        (feedback.spindle_angle, feedback.spindle_index) = self.spindle.encoder();
         feedback.spindle_load = 100.0 * self.spindle.torque.abs() / self.spindle.parameters.torque + LOAD_NOISE * self.noise();
         feedback
     }
@@ -408,17 +439,32 @@ impl Spindle {
         let drag = if self.speed == 0.0 {
             0.0
         } else {
-            (p.friction + cut).copysign(self.speed) + p.viscous * self.speed
+            (p.friction + cut + self.dip).copysign(self.speed) + p.viscous * self.speed
         };
         let holding = if target == 0.0 {
             0.0
         } else {
             p.friction.copysign(target) + p.viscous * self.speed
         };
-        self.torque = within(p.inertia * 25.0 * (target - self.speed) + holding, -limit, limit);
+        self.torque = within(p.inertia / p.response.0 * (target - self.speed) + holding, -limit, limit);
+        let before = self.speed;
         self.speed += (self.torque - drag) / p.inertia * TICK.0;
         if target == 0.0 && self.speed.abs() < 0.5 {
             (self.speed, self.torque) = (0.0, 0.0);
         }
+        self.angle += (before + self.speed) / 2.0 / core::f64::consts::TAU * TICK.0;
+    }
+
+    /// Angle in whole counts, and where the index mark was passed since the last call, turns.
+    fn encoder(&mut self) -> (Option<f64>, Option<f64>) {
+        let counts_per_turn = self.parameters.encoder_counts;
+        if counts_per_turn <= 0.0 || self.is_blind {
+            return (None, None);
+        }
+        let (before, now) = (self.counts, libm::floor(self.angle * counts_per_turn));
+        self.counts = now;
+        let turn = |counts: f64| libm::floor(counts / counts_per_turn);
+        let passed = turn(before) != turn(now) && !self.has_no_index;
+        (Some(now / counts_per_turn), passed.then(|| turn(before.max(now))))
     }
 }

@@ -76,8 +76,19 @@ impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
         }
     }
 
+    /// Counts cycles that come too late on drives that have waited for them, as [`Controller::count_late`].
+    pub fn count_late(&mut self, cycles: u64) {
+        self.controller.count_late(cycles);
+    }
+
     /// One servo cycle: read, control, order, report.
     pub fn tick(&mut self, now: Tick) {
+        self.tick_by(now, &mut || 0);
+    }
+
+    /// The same with a clock, ns from anywhere, that tells how long the conditions take: a data item like any other
+    /// (`CONTROLLER.WATCH_TIME`). Simulated time has none, and counts operations alone.
+    pub fn tick_by(&mut self, now: Tick, clock: &mut dyn FnMut() -> u64) {
         let before = self.controller.state();
         let feedback = self.drive.read(now);
         self.controller.look_at_pad(self.pad.read(now));
@@ -85,7 +96,10 @@ impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
         self.drive.order(now, &orders);
         let sample = self.controller.sample(now, &feedback, self.quality);
         let watches = self.situation.cost;
+        let began = clock();
         self.watch(before, &sample);
+        let took = clock().saturating_sub(began);
+        self.situation.cost.nanoseconds = u32::try_from(took).unwrap_or(u32::MAX);
         let report = Report {
             sample,
             state: self.controller.state(),
@@ -109,6 +123,7 @@ impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
             match order {
                 WatchOrder::OperationBegins => self.readings.operation(now, true),
                 WatchOrder::OperationEnds => self.readings.operation(now, false),
+                WatchOrder::OperationUnderWay => self.readings.operation_under_way(now),
                 _ => {}
             }
             reaction = reaction.max(self.watches.obey(order));
@@ -184,11 +199,6 @@ impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
     /// Tells the diameter of a tool, for cutting speeds; false when there is no place for more.
     pub fn know_tool(&mut self, tool: ToolNumber, diameter: Millimetres) -> bool {
         self.readings.know_tool(tool.0, diameter.0)
-    }
-
-    /// Tells how long the conditions of the last cycle took, by the clock of who runs the cycles: a data item like any other.
-    pub fn watches_took(&mut self, nanoseconds: u32) {
-        self.situation.cost.nanoseconds = nanoseconds;
     }
 
     /// The oldest report that was not taken yet, left in place.

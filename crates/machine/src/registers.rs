@@ -27,12 +27,19 @@ pub mod register {
     pub const POSITION: [u16; 3] = [0, 1, 2];
     /// In: encoder counts at the last index pulse of X, Y, Z.
     pub const INDEX: [u16; 3] = [3, 4, 5];
-    /// In: index pulses seen, X in bits 0 to 7, Y in 8 to 15, Z in 16 to 23; each counts on by one at a pulse and wraps around.
+    /// In: index pulses seen, X in bits 0 to 7, Y in 8 to 15, Z in 16 to 23, the spindle in 24 to 31; each counts on by one at a pulse and
+    /// wraps around.
     pub const INDEX_COUNT: u16 = 6;
     /// In: switches, see [`super::input`].
     pub const INPUTS: u16 = 7;
     /// In: spindle speed, rev/min, positive clockwise.
     pub const SPINDLE_SPEED: u16 = 8;
+    /// In: encoder counts of the spindle, and those at its last index pulse; they wrap around.
+    pub const SPINDLE_POSITION: u16 = 9;
+    /// See [`SPINDLE_POSITION`].
+    pub const SPINDLE_INDEX: u16 = 10;
+    /// In: counts on as long as the card works. 0 for ever on a card that cannot.
+    pub const CARD_ALIVE: u16 = 11;
     /// Out: speeds of X, Y, Z; [`super::FULL_SPEED`] is the highest speed of the axis.
     pub const SPEED: [u16; 3] = [16, 17, 18];
     /// Out: spindle speed without sign; [`super::FULL_SPEED`] is the highest.
@@ -71,6 +78,8 @@ pub mod output {
 
 /// The number that stands for the highest speed: a 16-bit converter with sign.
 pub const FULL_SPEED: f64 = 32_767.0;
+/// Cycles for which a card that counts may stand still before its drives are in fault.
+const CARD_SILENT: u64 = 20;
 /// A quick stop brakes harder than any planned motion.
 const QUICK_STOP: f64 = 1.3;
 
@@ -80,9 +89,20 @@ pub struct RegisterCard<R> {
     registers: R,
     axes: [CardAxis; 3],
     highest_spindle: f64,
+    spindle: CardSpindle,
+    /// What the card counted last, and when that changed; `None` until it counts.
+    card_alive: Option<(i32, Tick)>,
     index_count: Option<i32>,
     alive: i32,
     read_at: Option<Tick>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct CardSpindle {
+    /// 0 without an encoder.
+    counts_per_turn: f64,
+    last_count: i32,
+    count: i64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -114,6 +134,12 @@ impl<R: Registers> RegisterCard<R> {
                 }
             }),
             highest_spindle: parameters.spindle.highest.0,
+            spindle: CardSpindle {
+                counts_per_turn: parameters.spindle.encoder_counts,
+                last_count: 0,
+                count: 0,
+            },
+            card_alive: None,
             index_count: None,
             alive: 0,
             read_at: None,
@@ -123,6 +149,21 @@ impl<R: Registers> RegisterCard<R> {
     /// The registers.
     pub fn registers_mut(&mut self) -> &mut R {
         &mut self.registers
+    }
+}
+
+impl<R: Registers> RegisterCard<R> {
+    /// True when a card that counted does not count any more: what it tells is of the past.
+    fn is_silent(&mut self, now: Tick) -> bool {
+        let count = self.registers.read(register::CARD_ALIVE);
+        match self.card_alive {
+            None if count == 0 => false,
+            Some((last, since)) if last == count => now - since > CARD_SILENT,
+            _ => {
+                self.card_alive = Some((count, now));
+                false
+            }
+        }
     }
 }
 
@@ -157,6 +198,18 @@ impl<R: Registers> CyclicDrive for RegisterCard<R> {
                 feedback.index[k] = Some((axis.count - i64::from(behind)) as f64 / axis.pulses_per_mm);
             }
         }
+        if self.spindle.counts_per_turn > 0.0 {
+            let spindle = &mut self.spindle;
+            let count = self.registers.read(register::SPINDLE_POSITION);
+            spindle.count += i64::from(count.wrapping_sub(spindle.last_count));
+            spindle.last_count = count;
+            feedback.spindle_angle = Some(spindle.count as f64 / spindle.counts_per_turn);
+            if (index_count ^ seen) >> 24 & 0xff != 0 {
+                let behind = count.wrapping_sub(self.registers.read(register::SPINDLE_INDEX));
+                feedback.spindle_index = Some((spindle.count - i64::from(behind)) as f64 / spindle.counts_per_turn);
+            }
+        }
+        feedback.drive_fault |= self.is_silent(now);
         self.read_at = Some(now);
         feedback
     }

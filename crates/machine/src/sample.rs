@@ -76,6 +76,10 @@ pub struct Sample {
     pub spindle_load: f64,
     /// The overrides in force.
     pub overrides: Overrides,
+    /// Angle of the spindle from its index mark, degrees, 0 to below 360 clockwise; not a number while it is not known.
+    pub spindle_angle: f64,
+    /// How far the commanded path is ahead of the spindle's angle on a thread, mm; not a number where nothing is tied to it.
+    pub thread_error: f64,
 }
 
 /// One measured column of a record: name, unit and scale are the same in program, log, agent and HMI.
@@ -227,6 +231,12 @@ pub const CHANNELS: &[Channel] = &[
         unit: "PERCENT",
         scale: 1.0,
         read: |s| f64::from(s.overrides.spindle),
+    },
+    Channel {
+        name: "PATH.FOLLOWING_ERROR_LINEAR",
+        unit: "MILLIMETER",
+        scale: 1e-4,
+        read: |s| s.thread_error,
     },
 ];
 

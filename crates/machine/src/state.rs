@@ -105,6 +105,8 @@ pub enum StopCause {
     Late,
     /// The path ended in motion; the machine braked beside it.
     OffPath,
+    /// A thread is so short that its lead is never reached, or that the spindle could not be turned round before its end.
+    ThreadTooShort,
 }
 
 impl StopCause {
@@ -123,6 +125,7 @@ impl StopCause {
             StopCause::SwitchInMotion => "a switching command came before the path was at rest",
             StopCause::Late => "too many servo cycles were lost in a row",
             StopCause::OffPath => "the path ended in motion",
+            StopCause::ThreadTooShort => "a thread is too short for its spindle speed: begin farther away, or turn slower",
         }
     }
 }
@@ -149,6 +152,12 @@ pub enum FaultCause {
         /// 0 is X.
         axis: u8,
     },
+    /// The spindle turned and its index pulse did not come, or came elsewhere than before.
+    SpindleIndex,
+    /// A thread needs the spindle's encoder, and nothing comes from it.
+    SpindleAngle,
+    /// The spindle came nearly to a standstill in a thread.
+    SpindleLost,
 }
 
 impl FaultCause {
@@ -160,6 +169,9 @@ impl FaultCause {
             FaultCause::Spindle => "the spindle did not come to speed",
             FaultCause::Drive => "a drive reports a fault",
             FaultCause::Homing { .. } => "the reference of an axis was not found in time",
+            FaultCause::SpindleIndex => "the index pulse of the spindle's encoder is missing or moves",
+            FaultCause::SpindleAngle => "a thread needs the spindle's encoder, and nothing comes from it",
+            FaultCause::SpindleLost => "the spindle was lost in a thread: it came nearly to a standstill",
         }
     }
 }
@@ -254,7 +266,7 @@ pub fn next_state(state: State, event: Event) -> State {
         (NotHomed, Event::ReferencesKnown) => Ready,
         (NotHomed | Ready | Homing { .. }, Event::Homing { axis, stage }) => Homing { axis, stage },
         (Homing { .. }, Event::AtHome) => NotHomed,
-        (Homing { .. }, Event::Hold) => Stopping(StopCause::Asked),
+        (Homing { .. } | Jogging { .. }, Event::Hold) => Stopping(StopCause::Asked),
         (NotHomed | Ready, Event::Jog { axis }) => Jogging { axis },
         (Jogging { .. }, Event::AtRest) => NotHomed,
 

@@ -48,6 +48,11 @@ fn set_point() -> SetPoint {
         path_speed: b,
         rapid: true,
         planned_override: 1.2,
+        tie: Some(machine::Tie {
+            lead: 1.25,
+            revolutions: 13.3,
+            start: Some(0.25),
+        }),
     }
 }
 
@@ -200,6 +205,8 @@ fn a_report_comes_out_as_it_went_in() {
                 rapid: 1,
                 spindle: 51,
             },
+            spindle_angle: 271.3,
+            thread_error: 0.0025,
         },
         state: State::Off,
         counters: Counters {

@@ -114,6 +114,66 @@ fn what_is_not_known_fulfils_nothing_and_every_keeps_what_was_before() {
     check(Frequency::EveryEdge, &[0.0, unknown, 80.0], "001");
 }
 
+/// Cycles before a reset, and those after it on the same machine; then those on a machine that was started again, which is told whether the
+/// watch had fired.
+#[track_caller]
+fn check_taken_up(frequency: Frequency, before: (&[f64], &str), after: (&[f64], &str), anew: [&str; 2]) {
+    let cycles = |bench: &mut Bench, loads: &[f64]| -> String {
+        let fired = loads.iter().map(|load| bench.cycle(*load, Mode::Automatic).1.len());
+        fired.map(|count| char::from(b'0' + count as u8)).collect()
+    };
+    let mut bench = Bench::new();
+    let number = bench.watches.load(&watch(frequency, &over(50.0))).expect("room");
+    bench.watches.obey(WatchOrder::Start(number));
+    assert_eq!(cycles(&mut bench, before.0), before.1, "{frequency:?}");
+    bench.watches.reset();
+    assert_eq!(cycles(&mut bench, &[80.0]), "0", "{frequency:?} after a reset");
+    // Whoever asks may not have heard of what it did; asking twice changes nothing.
+    for fired in [false, true] {
+        bench.watches.obey(WatchOrder::TakeUp { watch: number, fired });
+    }
+    assert_eq!(cycles(&mut bench, after.0), after.1, "{frequency:?} taken up");
+    for (fired, expected) in [false, true].into_iter().zip(anew) {
+        let mut bench = Bench::new();
+        assert_eq!(bench.watches.load(&watch(frequency, &over(50.0))), Ok(number));
+        bench.watches.obey(WatchOrder::TakeUp { watch: number, fired });
+        assert_eq!(
+            cycles(&mut bench, after.0),
+            expected,
+            "{frequency:?} started again, fired {fired}"
+        );
+        assert_eq!(bench.watches.counters().refused_orders, 0);
+    }
+}
+
+#[test]
+fn what_is_taken_up_again_goes_on_with_what_is_known_of_it() {
+    let loads = (&[80.0, 80.0][..], &[80.0, 0.0, 80.0][..]);
+    check_taken_up(Frequency::WhenOnce, (loads.0, "10"), (loads.1, "000"), ["100", "000"]);
+    check_taken_up(Frequency::FromFirst, (loads.0, "11"), (loads.1, "111"), ["111", "111"]);
+    check_taken_up(Frequency::Whenever, (loads.0, "11"), (loads.1, "101"), ["101", "101"]);
+    check_taken_up(Frequency::EveryEdge, (loads.0, "10"), (loads.1, "001"), ["101", "001"]);
+    // Nothing had fired: nothing is passed over.
+    check_taken_up(
+        Frequency::WhenOnce,
+        (&[0.0], "0"),
+        (&[0.0, 80.0, 80.0], "010"),
+        ["010", "000"],
+    );
+    check_taken_up(
+        Frequency::FromFirst,
+        (&[0.0], "0"),
+        (&[0.0, 80.0, 0.0], "011"),
+        ["011", "111"],
+    );
+    check_taken_up(
+        Frequency::EveryEdge,
+        (&[80.0, 0.0], "10"),
+        (&[80.0, 80.0], "10"),
+        ["10", "00"],
+    );
+}
+
 #[test]
 fn an_outage_of_a_sensor_is_told_once() {
     let mut bench = Bench::new();

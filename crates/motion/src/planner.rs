@@ -50,7 +50,7 @@ impl Planner {
     pub(crate) fn push(&mut self, mut piece: Piece) {
         match self {
             Planner::Accelerated(planner) => {
-                if !piece.rapid && !piece.locked {
+                if !piece.rapid && piece.tie.is_none() {
                     piece.feed *= planner.feed_scale;
                 }
                 let Accelerated { smoother, profile, .. } = &mut **planner;

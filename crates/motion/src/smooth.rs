@@ -7,6 +7,7 @@
 
 use crate::Limits;
 use crate::blend::Blend;
+use machine::Tie;
 use plan::Path;
 use units::{Machine, Point, StepId, TICK, Vector};
 
@@ -50,11 +51,22 @@ pub struct Piece {
     /// Rapid or feed.
     pub rapid: bool,
     /// No override is for it: its feed is tied to the spindle.
-    pub locked: bool,
+    pub tie: Option<Tie>,
     /// The step it came from.
     pub step: StepId,
     /// How its end may be rounded.
     pub corner: Corner,
+}
+
+impl Piece {
+    /// False where one of both is a thread that begins or ends between them: the machine waits there for the angle of the spindle.
+    pub(crate) fn goes_on_from(&self, last: &Piece) -> bool {
+        match (last.tie, self.tie) {
+            (None, None) => true,
+            (Some(_), Some(tie)) => tie.start.is_none() || last.step == self.step,
+            _ => false,
+        }
+    }
 }
 
 /// How the corner behind a move may be treated.
@@ -224,7 +236,7 @@ impl Smoother {
         // A blend leaves both paths, so the stricter of both decides.
         let tolerance = last.corner.tolerance().min(next.corner.tolerance());
         // A rapid meets a feed at rest: a rapid must not cut a corner into the material.
-        if last.rapid != next.rapid || turn > REVERSAL {
+        if last.rapid != next.rapid || !next.goes_on_from(last) || turn > REVERSAL {
             return Join::Stop;
         }
         if turn < self.straight {

@@ -4,7 +4,7 @@ use crate::pieces::{looked_at, over_parameter, product, shifted, smooth_parts, s
 use crate::planner::{Planned, Planner};
 use crate::smooth::{Corner, EXACT_PATH_TOLERANCE, Piece};
 use crate::{Limits, Statistics};
-use machine::{Command, CoolantOutlets, SetPoint, SpindleCommand};
+use machine::{Command, CoolantOutlets, SetPoint, SpindleCommand, Tie};
 use plan::{
     Alarm, Answer, Diagnostic, Feed, Level, MachineMove, Move, Next, Origin, Path, PathMode, Place, ProgramStream, Question,
     Speed, SpindleMode, SpindleState, Step, StepKind, Thread,
@@ -87,8 +87,8 @@ pub struct Trajectory<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Kind {
     rapid: bool,
-    /// None is.
-    locked: bool,
+    /// None is: it goes by the spindle.
+    tie: Option<Tie>,
     /// The multiplier of its feed, where set-points do not tell it.
     feed_scale: Option<f64>,
 }
@@ -274,7 +274,7 @@ impl<'a> Trajectory<'a> {
                     feed: f64::INFINITY,
                     feed_factors: vec![],
                     rapid: true,
-                    locked: false,
+                    tie: None,
                     step: id,
                     corner: Corner::Stop,
                 });
@@ -387,6 +387,7 @@ impl<'a> Trajectory<'a> {
         let top = feed * factors.iter().map(|f| f.1).reduce(f64::max).unwrap_or(1.0);
         let whole = shifted(m.path.in_frame(&self.machine_from_setup), self.tool_offset);
         self.reachable(&whole, length, top, origin)?;
+        let tie = self.tie(m, &whole, origin)?;
         let corner = match self.path_mode {
             PathMode::ExactStop => Corner::Stop,
             PathMode::ExactPath => Corner::Within(EXACT_PATH_TOLERANCE),
@@ -405,7 +406,7 @@ impl<'a> Trajectory<'a> {
                 feed,
                 feed_factors: factors.iter().map(|(u, f)| ((u - range[0]) / width, *f)).collect(),
                 rapid: m.speed == Speed::Rapid,
-                locked: matches!(m.speed, Speed::Feed(Feed::Thread(_))),
+                tie,
                 step: step.id,
                 // A corner inside a move is not its end: exact stop does not stop there, but it does not leave the path either.
                 corner: match corner {
@@ -499,6 +500,27 @@ impl<'a> Trajectory<'a> {
         }
     }
 
+    /// How a thread is tied to the spindle. Axes that are too slow for its lead would spoil it, so it is refused.
+    fn tie(&self, m: &Move, path: &Path<Machine>, origin: Origin) -> Result<Option<Tie>, Box<Diagnostic>> {
+        let Speed::Feed(Feed::Thread(thread)) = m.speed else {
+            return Ok(None);
+        };
+        let tie = Tie {
+            lead: thread.advance.0,
+            revolutions: self.spindle.revolutions(Millimetres(m.path.start().xyz[0])).0 / 60.0,
+            start: thread.start.map(|angle| angle.0 / std::f64::consts::TAU),
+        };
+        let along = path.derivatives(0.0).0.unit().map_or([1.0; 3], |way| way.xyz.map(f64::abs));
+        if let Some(k) = (0..3).find(|k| tie.speed() * along[*k] > self.limits.v_max[*k].0) {
+            let (wanted, v_max) = (tie.speed() * along[k], self.limits.v_max[k].0);
+            let axis = ["X", "Y", "Z"][k];
+            let message = format!("a thread that needs {wanted:.1} mm/s of {axis}, which goes {v_max:.1} mm/s at most");
+            let found = self.finding("thread-too-fast", message, origin);
+            return Err(with_remedy(found, "write a lower spindle speed before the thread"));
+        }
+        Ok(Some(tie))
+    }
+
     /// A move that stays within a kilometre and takes less than a day; `top` is its highest feed, mm/s.
     fn reachable(&self, path: &Path<Machine>, length: f64, top: f64, origin: Origin) -> Result<(), Box<Diagnostic>> {
         let far = path.end().xyz.into_iter().map(f64::abs).fold(length, f64::max);
@@ -535,7 +557,7 @@ impl<'a> Trajectory<'a> {
         self.position = piece.path.end();
         let kind = Kind {
             rapid: piece.rapid,
-            locked: piece.locked,
+            tie: piece.tie,
             feed_scale: self.planner.feed_scale_of_next(),
         };
         if self.kinds.back().is_none_or(|last| last.1 != kind) {
@@ -565,7 +587,7 @@ impl<'a> Trajectory<'a> {
                 feed,
                 feed_factors: vec![],
                 rapid,
-                locked: false,
+                tie: None,
                 step: self.last_move,
                 corner: Corner::Stop,
             });
@@ -605,8 +627,9 @@ impl<'a> Trajectory<'a> {
         }
         if let Some((_, kind)) = self.kinds.front() {
             point.rapid = kind.rapid;
+            point.tie = kind.tie;
             point.planned_override = match kind {
-                Kind { locked: true, .. } => 0.0,
+                Kind { tie: Some(_), .. } => 0.0,
                 Kind { rapid: true, .. } => 1.0,
                 Kind { feed_scale, .. } => feed_scale.unwrap_or(point.planned_override),
             };

@@ -453,6 +453,9 @@ impl RawNcFunction {
     /// The kind of a name that the program gives to a variable (SETVN).
     pub const VARIABLE_NAME: &str = "variable name";
 
+    /// What the name of a property begins with that holds the present value of a variable of the program that the text names.
+    pub const VARIABLE: &str = "variable ";
+
     /// The kind of a line of the vocabulary in a comment or an extended function; its text is the line.
     pub const EXTENDED: &str = "extended function";
 

@@ -41,7 +41,9 @@ pub trait Control: Sync {
     fn variable(&self, number: u32) -> Result<String, Refusal>;
 
     /// `variable = value`, both as the control writes them.
-    fn assignment(&self, variable: &str, value: &str) -> String;
+    fn assignment(&self, variable: &str, value: &str) -> String {
+        format!("{variable}={value}")
+    }
 
     /// A condition as the control writes it, between blocks; for assignments too.
     ///
@@ -73,10 +75,14 @@ pub trait Control: Sync {
     fn recorder(&self) -> &'static str;
 
     /// Values of sensors are looked at between blocks where a recording is asked for.
-    fn polls(&self) -> bool;
+    fn polls(&self) -> bool {
+        false
+    }
 
     /// Conditions are checked between blocks where a synchronized action is asked for.
-    fn checks(&self) -> bool;
+    fn checks(&self) -> bool {
+        true
+    }
 
     /// What this control has of its own for a function, written at once; `None` leaves it to what plain variables and the log can do.
     ///

@@ -31,6 +31,23 @@ pub enum Reading {
     Nothing(&'static str),
 }
 
+impl Reading {
+    /// A plain variable that a manual has.
+    pub fn known(text: impl Into<String>) -> Reading {
+        Reading::Value(Source::of(text).verified())
+    }
+
+    /// A plain variable to be verified.
+    pub fn unsure(text: impl Into<String>) -> Reading {
+        Reading::Value(Source::of(text))
+    }
+}
+
+/// Where nothing is known.
+pub const NO_SOURCE: Reading = Reading::Nothing("no source for it is known on this control");
+/// Sensors that are the shop's.
+pub const OWN_SENSOR: Reading = Reading::Outside("a sensor of its own beside the control");
+
 /// A value as a control's program reads it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Source {
@@ -56,6 +73,11 @@ impl Source {
             verified: false,
             realtime: false,
         }
+    }
+
+    /// The same, as a manual has it.
+    pub fn verified(self) -> Self {
+        Source { verified: true, ..self }
     }
 
     /// Its text in the unit of records.

@@ -13,6 +13,12 @@ pub struct Codes {
     pub per_revolution: &'static str,
 }
 
+/// As most controls have them.
+pub const CODES: Codes = Codes {
+    per_minute: "G94",
+    per_revolution: "G95",
+};
+
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 const CENTRES: [&str; 3] = ["I", "J", "K"];
 
@@ -132,18 +138,14 @@ pub fn feed_number(pace: Pace, sheet: &Sheet<'_>) -> Result<Option<String>, Refu
     Ok(Some(decimals.spell(units)))
 }
 
-/// M3, M4, M5, with S where the spindle turns.
-///
-/// # Errors
-/// A speed that rounds to nothing.
-pub fn spindle(state: SpindleState, orient: &str, sheet: &Sheet<'_>) -> Result<(String, Option<SpindleMode>), Refusal> {
-    let _ = sheet;
-    Ok(match state {
+/// M3, M4, M5, and how it turns.
+pub fn spindle(state: SpindleState, orient: &str) -> (String, Option<SpindleMode>) {
+    match state {
         SpindleState::Stopped => ("M5".to_owned(), None),
         SpindleState::Oriented => (orient.to_owned(), None),
         SpindleState::Clockwise(mode) => ("M3".to_owned(), Some(mode)),
         SpindleState::Counterclockwise(mode) => ("M4".to_owned(), Some(mode)),
-    })
+    }
 }
 
 /// S with a speed.

@@ -10,6 +10,7 @@
 //! Read on: [`statement`] for what there is to say, a file of [`controls`] for how one control says it, [`functions`] for grades,
 //! [`table`] for the manual's table.
 
+mod alike;
 pub mod condition;
 pub mod control;
 pub mod controls;

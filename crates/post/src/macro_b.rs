@@ -1,5 +1,8 @@
 //! What Fanuc and Haas share: Custom Macro B, with jumps for branches, variables from #100 and lines of a log by DPRNT.
 
+pub mod statements;
+
+use crate::alike::{self, note_unverified};
 use crate::condition::{Comparison, Jumps, Style, jump_if, spell};
 use crate::control::Control;
 use crate::functions::{Item, Source};
@@ -17,11 +20,7 @@ use trace::{Call, Function};
 const VARIABLES: u32 = 30;
 const FIRST: u32 = 100;
 
-const NUMBERS: Decimals = Decimals {
-    places: 6,
-    point: true,
-    plus: false,
-};
+const NUMBERS: Decimals = Decimals::pointed(6);
 
 /// Expressions; truths are jumps.
 pub static STYLE: Style = Style {
@@ -75,11 +74,7 @@ pub fn flow(statement: &Statement<'_>, jumps: &dyn Jumps, control: &dyn Control,
     let unopened = || Refusal::new("structure", "a branch ends that did not begin", "correct the program");
     match statement {
         Statement::If(condition) => {
-            let way = Way {
-                other: sheet.label(),
-                end: sheet.label(),
-                otherwise: false,
-            };
+            let way = Way::between(sheet.label(), sheet.label());
             let verified = jump_if(condition, false, way.other, (jumps, control), sheet)?;
             note_unverified(verified, sheet);
             sheet.ways.push(way);
@@ -96,11 +91,7 @@ pub fn flow(statement: &Statement<'_>, jumps: &dyn Jumps, control: &dyn Control,
             jumps.place(if way.otherwise { way.end } else { way.other }, sheet);
         }
         Statement::While(condition) => {
-            let way = Way {
-                other: sheet.label(),
-                end: sheet.label(),
-                otherwise: false,
-            };
+            let way = Way::between(sheet.label(), sheet.label());
             jumps.place(way.other, sheet);
             let verified = jump_if(condition, false, way.end, (jumps, control), sheet)?;
             note_unverified(verified, sheet);
@@ -116,25 +107,12 @@ pub fn flow(statement: &Statement<'_>, jumps: &dyn Jumps, control: &dyn Control,
     Ok(true)
 }
 
-/// A condition has words that no manual was at hand for.
-pub fn note_unverified(verified: bool, sheet: &mut Sheet<'_>) {
-    if !verified {
-        sheet.verify("variables in conditions of the program");
-    }
-}
-
 /// The n-th variable of the program.
 ///
 /// # Errors
 /// There are not so many.
 pub fn variable(number: u32) -> Result<String, Refusal> {
-    if number >= VARIABLES {
-        return Err(Refusal::new(
-            "variables",
-            format!("the program has more than {VARIABLES} variables"),
-            "use fewer variables, or fewer synchronized actions",
-        ));
-    }
+    let number = alike::among(number, VARIABLES, "use fewer variables, or fewer synchronized actions")?;
     Ok(format!("#{}", FIRST + number))
 }
 
@@ -155,8 +133,7 @@ pub fn timer(stream: &str) -> Option<Source> {
     let names = ["trace:ws_time", "trace:op_time", "trace:prog_time"];
     let milliseconds = |text: String| Source {
         factor: 0.001,
-        verified: true,
-        ..Source::of(text)
+        ..Source::of(text).verified()
     };
     if stream == "trace:last_ws_time" {
         return Some(milliseconds(format!("#{}", FIRST + VARIABLES + 3)));
@@ -267,11 +244,7 @@ pub fn function(
                 }
                 Reaction::FeedHold | Reaction::StopAfterOperation => {
                     sheet.line(&format!("#3006=1({text})"));
-                    let when = if alarm.reaction == Reaction::FeedHold {
-                        ""
-                    } else {
-                        ", not at the operation's end"
-                    };
+                    let when = alike::not_at_the_end(alarm.reaction);
                     Some(Verdict::between_blocks(
                         true,
                         format!("the control waits for cycle start at this block (#3006){when}"),
@@ -321,7 +294,7 @@ pub fn register(change: &plan::RegisterChange, sheet: &mut Sheet<'_>) -> Result<
         return Ok(());
     };
     let letters = ["X", "Y", "Z"];
-    let factor = |axis: usize| if turning && axis == 0 { 2.0 } else { 1.0 };
+    let factor = |axis: usize| alike::of_diameter(axis, sheet);
     let line = match &change.register {
         Register::Variable(number) => format!("#{number}={}", sheet.number(after, NUMBERS)?),
         Register::WorkOffset { name, axis } => {
@@ -352,11 +325,7 @@ pub fn register(change: &plan::RegisterChange, sheet: &mut Sheet<'_>) -> Result<
         Register::ToolRadius { tool } => format!("G90 G10 L12 P{tool} R{}", sheet.length(after)?),
         Register::ToolRadiusWear { tool } => format!("G90 G10 L13 P{tool} R{}", sheet.length(after)?),
         other => {
-            return Err(Refusal::new(
-                "register",
-                format!("{} is no register of this control", other.name()),
-                "enter the value at the machine",
-            ));
+            return Err(alike::no_register(&other.name()));
         }
     };
     sheet.line(&line);

@@ -27,6 +27,31 @@ pub fn scale(places: u32) -> f64 {
 }
 
 impl Decimals {
+    /// So many digits, and a point only where there are some.
+    pub const fn plain(places: u32) -> Decimals {
+        Decimals {
+            places,
+            point: false,
+            plus: false,
+        }
+    }
+
+    /// The same with the point of whole numbers.
+    pub const fn pointed(places: u32) -> Decimals {
+        Decimals {
+            point: true,
+            ..Decimals::plain(places)
+        }
+    }
+
+    /// The same with a sign.
+    pub const fn signed(places: u32) -> Decimals {
+        Decimals {
+            plus: true,
+            ..Decimals::plain(places)
+        }
+    }
+
     /// A number in units of the last decimal, as text.
     pub fn spell(&self, units: i64) -> String {
         let sign = match (units < 0, self.plus) {

@@ -123,6 +123,17 @@ pub struct Way {
     pub otherwise: bool,
 }
 
+impl Way {
+    /// With the labels of its other part and of its end.
+    pub fn between(other: u32, end: u32) -> Way {
+        Way {
+            other,
+            end,
+            otherwise: false,
+        }
+    }
+}
+
 impl<'s> Sheet<'s> {
     /// An empty sheet; `out` is given each line with its end.
     pub fn new(paper: Paper, turning: bool, out: &'s mut dyn FnMut(&str)) -> Self {

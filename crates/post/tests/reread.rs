@@ -150,3 +150,22 @@ fn corpus_programs_are_posted_as_written_down() {
     let (text, _) = post_gcode(SPINDLE, "fanuc-lathe", "siemens-840d").unwrap_or_else(|e| panic!("{e}"));
     expect_file!["golden/spindle.siemens-840d.txt"].assert_eq(&text);
 }
+
+#[test]
+fn a_taper_thread_keeps_its_lead_in_linuxcnc() {
+    let program = "O1\nG21 G18 G99 T0101\nG97 S1000 M3\nG0 X20. Z5.\nG32 X24. Z-4. F2.\nG0 X30.\nM30\n";
+    let (text, _) = post_gcode(program, "fanuc-lathe", "linuxcnc").expect("it can be posted");
+    // The lead of 2 mm is along Z; K is along the path: 2 * sqrt(2^2 + 9^2) / 9.
+    assert!(text.contains("G33 X24 Z-4 K2.048788"), "{text}");
+}
+
+#[test]
+fn a_rigidly_tapped_hole_of_linuxcnc_is_the_one_that_was_meant() {
+    let program = "O1\nG21 G90 G54\nT1 M6\nS500 M3\nG0 X5. Y6.\nG43 H1 Z10.\nM29 S500\nG99 G84 X5. Y6. Z-6. R3. F500.\nX20.\nG80\nG0 Z50.\nM5\nM30\n";
+    let (text, _) = post_gcode(program, "fanuc-mill", "linuxcnc").expect("it can be posted");
+    let wanted = deeds(&mut gcode(program, "fanuc-mill", machine(false), BTreeMap::new()));
+    let found = deeds(&mut gcode(&text, "rs274", machine(false), BTreeMap::new()));
+    if let Err(difference) = compare(&wanted, &found, 1e-3) {
+        panic!("{difference}\n{text}");
+    }
+}

@@ -544,6 +544,15 @@ impl<'s> Walker<'s> {
                         EXPRESSION_REMEDY,
                     );
                 }
+                // Such a name is bound to a sensor or a value of the machine (`traceability_functions.md`).
+                let small = variable.to_ascii_lowercase();
+                if small.starts_with("sensor:") || small.starts_with("trace:") {
+                    return unsupported(
+                        "T-07",
+                        format!("'{}' writes {variable}, which is the machine's", executable.name),
+                        "give a variable of the program",
+                    );
+                }
                 if self.run.structured {
                     let variable = variable.clone();
                     self.say_flow(id, Flow::Assign { variable, value });
@@ -830,11 +839,28 @@ impl<'s> Walker<'s> {
                     kind: function.kind.clone(),
                     name: executable.name.clone(),
                     text: function.text.clone(),
-                    properties: function.properties.clone(),
+                    properties: self.properties_of(function),
                 }),
             ),
         }
         Ok(None)
+    }
+}
+
+impl Walker<'_> {
+    /// Its properties, and the present values of the variables that its line may name: a condition is made of them when it is started. A
+    /// program that is told with both ways of its branches has no present.
+    fn properties_of(&self, function: &Function) -> BTreeMap<String, String> {
+        let mut all = function.properties.clone();
+        if function.text.starts_with("trace:") && !self.run.structured {
+            let named = self
+                .run
+                .variables
+                .iter()
+                .filter(|(name, _)| function.text.contains(name.as_str()));
+            all.extend(named.map(|(name, value)| (format!("{}{name}", RawNcFunction::VARIABLE), value.to_string())));
+        }
+        all
     }
 }
 

@@ -183,6 +183,16 @@ pub fn signal_of(sensor: &Sensor) -> Option<u8> {
     watch::signal(&name)
 }
 
+/// The unit of a stream in records, in MTConnect's words where it has one; empty for a plain number.
+pub fn unit_of(sensor: &Sensor) -> &'static str {
+    match (sensor.dimension(), signal_of(sensor)) {
+        (Some(dimension), _) => dimension.unit(),
+        // What the control says of itself is of no type of MTConnect's.
+        (None, Some(signal)) => watch::SIGNALS[usize::from(signal)].unit,
+        (None, None) => "",
+    }
+}
+
 /// The signal of a predefined value; alarms are none.
 pub fn signal_of_predefined(value: Predefined) -> Option<u8> {
     let name = PREDEFINED.iter().find(|(_, v, ..)| *v == value)?.0;
@@ -352,7 +362,7 @@ impl Compiler {
             Meaning::Unknown => refuse(
                 "T-06",
                 format!("nothing is called {name}"),
-                "write a sensor as X.LOAD, an alias as coolant_pressure, or a predefined value as ws_time",
+                "write a sensor as X.LOAD, an alias as coolant_pressure, a predefined value as ws_time, or a variable that the program has given a value before",
             ),
         }
     }

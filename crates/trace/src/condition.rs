@@ -248,7 +248,28 @@ impl Parser {
                 );
             }
         };
-        Ok(Expression::Number(number, self.unit()))
+        let unit = self.unit();
+        if unit.is_none() {
+            self.no_other_word()?;
+        }
+        Ok(Expression::Number(number, unit))
+    }
+
+    /// Behind a number without unit stands an operator or nothing; another word was meant as its unit.
+    fn no_other_word(&self) -> Result<(), Box<Fault>> {
+        let behind = self.characters[self.at..].iter();
+        let blanks = behind.clone().take_while(|c| c.is_whitespace()).count();
+        let word: String = behind.skip(blanks).take_while(|c| c.is_alphanumeric()).collect();
+        let operators = ["and", "or", "xor", "not"];
+        if !word.starts_with(char::is_alphabetic) || operators.contains(&word.to_ascii_lowercase().as_str()) {
+            return Ok(());
+        }
+        fault(
+            "trace-condition",
+            (self.at + blanks) as u32 + 1,
+            format!("'{word}' is no unit that is known here"),
+            "write mm, s, %, rpm, ... as in ws_time > 3600 s",
+        )
     }
 
     /// The unit behind a number; nothing is taken when the word there is none.
@@ -418,7 +439,12 @@ mod tests {
             "4: expected a number, a sensor, a predefined value, 'not' or '(', found the end",
         );
         check("(a > 1", "7: expected an operator or ')', found the end");
-        check("a > 1 b", "7: expected an operator or the end of the condition, found 'b'");
+        check("a > 1 b", "7: 'b' is no unit that is known here");
+        check("a > 3 parsec", "7: 'parsec' is no unit that is known here");
+        check(
+            "a > 3 not b",
+            "7: expected an operator or the end of the condition, found 'n'",
+        );
         check("a < b < c", "7: one comparison follows another");
         check("1.2.3 > a", "1: '1.2.3' is no number");
         check("and > 1", "1: expected an operand before the operator, found 'a'");

@@ -62,6 +62,18 @@ impl Function {
         self.arguments.iter().find(|a| a.key == key).map(|a| &a.value)
     }
 
+    /// The anchor or entity of the geometry at which it records, if it names one.
+    pub fn points(&self) -> Option<&str> {
+        match &self.call {
+            Call::StartSensorRecording(recording) => match &recording.sampling {
+                crate::Sampling::ByPoints { curve, .. } => Some(curve),
+                _ => None,
+            },
+            Call::GetPoints(measurement) => measurement.points.as_deref(),
+            _ => None,
+        }
+    }
+
     /// The line without `trace:1`, as actions are written.
     pub fn without_prefix(&self) -> String {
         let mut line = self.name.clone();

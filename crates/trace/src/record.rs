@@ -11,16 +11,16 @@ mod recording;
 
 pub use recording::{Row, Stream};
 
-use crate::compile::{Compiled, compile, signal_of, signal_of_predefined};
+use crate::compile::{Compiled, compile, signal_of, signal_of_predefined, unit_of};
 use crate::functions::{Alarm, Call, Coolant, Frequency, Reaction, ResetBy, SynchronizedAction, TraceId};
 use crate::sensor::{Meaning, Sensor, meaning};
-use crate::survey::{ALONG, Found, lines, wanted};
+use crate::survey::{ALONG, Found, is_of_the_machine, lines, wanted};
 use crate::{Function, parse};
 use context::Context;
 use machine::watch::{AlarmOrder, Firing, Readings, SIGNALS, Situation, WatchOrder};
 use machine::{MachineParameters, Quality, Sample, State, StopCause};
 use plan::{RawNcFunction, Step, StepKind, Value as PlanValue};
-use recording::{Ended, Recordings};
+use recording::{Ended, Recordings, Seen};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use units::{StepId, TICK, Tick, Timestamp};
@@ -38,6 +38,9 @@ pub struct Told {
 
 /// The kind of the events that are records of functions.
 pub const EVENT: &str = "trace";
+
+/// A record that no function of the program asked for has this member: when it is made.
+pub const BY_ITSELF: &str = "by_itself";
 
 /// Events of one synchronized action in a second at most; more are counted.
 const EVENTS_A_SECOND: u32 = 10;
@@ -83,8 +86,12 @@ pub struct Recorder {
     level: Option<u8>,
     /// Watches that were loaded and run, or ran.
     next_run: u32,
+    /// The machine has left the program, by a reset or a restart: actions and recordings wait until it is taken up again.
+    waits: bool,
     told: Vec<Told>,
     state: State,
+    /// The first cycle was heard of.
+    opened: bool,
 }
 
 /// A synchronized action that was started.
@@ -143,8 +150,10 @@ impl Recorder {
             variables: BTreeMap::new(),
             level: None,
             next_run: 1,
+            waits: false,
             told: Vec::new(),
             state: State::Off,
+            opened: false,
         }
     }
 
@@ -206,8 +215,8 @@ impl Recorder {
         if let Some(scope) = ended {
             let over = self.recordings.end_scope(scope, tick);
             self.tell_ended(over, step.id);
-            if matches!(scope, context::Scope::Workplan(_)) && self.context.level_ends(scope) {
-                self.level = None;
+            if let Some(outer) = self.context.level_returns(scope) {
+                self.level = outer;
             }
         }
         if let StepKind::NcFunction(raw) = &step.kind {
@@ -221,25 +230,51 @@ impl Recorder {
         self.before = Some(self.sample);
         self.sample = *sample;
         self.context.cycle(sample, &self.parameters);
+        if !self.opened {
+            self.opened = true;
+            self.open(sample.tick);
+        }
         if self.before.is_some_and(|b| b.tool != sample.tool) && !self.tool_logging.is_empty() {
             self.tool_changed(sample);
         }
     }
 
+    /// The record of every job begins with the machine that it is of, asked for or not.
+    fn open(&mut self, tick: Tick) {
+        if self.known.machine.is_empty() {
+            return;
+        }
+        let mut data = self.known.machine.clone();
+        data.insert("function".to_owned(), Value::from("log_nc_machine_data"));
+        data.insert(BY_ITSELF.to_owned(), Value::from("job start"));
+        self.tell(tick, StepId::NONE, data);
+    }
+
     /// Takes the samples of a cycle, behind the steps and firings of it.
     pub fn take_samples(&mut self) {
+        if self.waits {
+            return;
+        }
         let previous = self.before.filter(|b| b.tick + 1 == self.sample.tick);
-        let tip = self.context.tip(self.sample.actual);
-        let over = self.recordings.cycle(&self.sample, previous.as_ref(), tip, &self.readings);
+        let over = self.recordings.cycle(Seen {
+            sample: &self.sample,
+            previous: previous.as_ref(),
+            readings: &self.readings,
+            context: &self.context,
+        });
         self.tell_ended(over, self.sample.step);
     }
 
     /// A watch has fired in this cycle.
     pub fn fired(&mut self, firing: &Firing) {
+        let tick = firing.tick;
+        let of_the_program = self.actions.get(&firing.watch).is_some_and(|a| !a.does.all_modes);
+        if self.waits && of_the_program {
+            self.take_up(tick);
+        }
         let Some(mut action) = self.actions.get(&firing.watch).cloned() else {
             return;
         };
-        let tick = firing.tick;
         if !firing.known {
             let data = json!({ "id": action.does.id.0, "why": "a sensor of the condition is unavailable" });
             self.error("T-05", tick, self.sample.step, data);
@@ -295,8 +330,8 @@ impl Recorder {
         self.actions.insert(firing.watch, action);
     }
 
-    /// The machine's state after a cycle: effects of reactions, and what ends with a program.
-    pub fn state(&mut self, state: State, tick: Tick) {
+    /// The machine's state after a cycle: effects of reactions, and what ends with a program. `over`: the program is, all of it is done.
+    pub fn state(&mut self, state: State, tick: Tick, over: bool) {
         let before = std::mem::replace(&mut self.state, state);
         if before == state {
             return;
@@ -316,12 +351,27 @@ impl Recorder {
             self.end_alarms(tick, "cycle start", |by| by == ResetBy::Acknowledge);
         }
         if state == State::Ready && !matches!(before, State::Off | State::Ready) {
-            let reset = !matches!(before, State::Running | State::Waiting(_));
-            self.program_ends(tick, if reset { "reset" } else { "program end" });
-            if reset {
+            if over {
+                self.program_ends(tick, "program end");
+            } else {
+                self.interrupt(tick, "reset");
                 self.end_alarms(tick, "reset", |by| by != ResetBy::Function);
             }
         }
+        let follows = matches!(
+            state,
+            State::Running | State::Resuming | State::Waiting(_) | State::Holding | State::WaitingThenHold(_)
+        );
+        if self.waits && follows {
+            self.take_up(tick);
+        }
+    }
+
+    /// The controller was started again, and knows nothing of what it did: its alarms are over, and the program waits to be taken up again.
+    pub fn started_again(&mut self, tick: Tick) {
+        let why = "the controller was started again";
+        self.interrupt(tick, why);
+        self.end_alarms(tick, why, |_| true);
     }
 
     /// The run is over, however: what is still open is told as ended.

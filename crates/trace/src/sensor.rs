@@ -85,6 +85,11 @@ impl Sensor {
         format!("{}.{}", self.component, self.quantity)
     }
 
+    /// The place of its axis among X, Y, Z.
+    pub fn linear_axis(&self) -> Option<usize> {
+        AXES.iter().position(|axis| *axis == self.component)
+    }
+
     /// What it measures; `None` for a type that is in no table here.
     pub fn dimension(&self) -> Option<Dimension> {
         let kind = self.quantity.split('.').next()?;

@@ -5,9 +5,9 @@
 
 use crate::compile::{Compiled, compile, signal_of};
 use crate::functions::{Call, TraceId};
-use crate::sensor::{Sensor, streams};
+use crate::sensor::{Meaning, Sensor, meaning, streams};
 use crate::{Function, is_line, parse};
-use plan::{Diagnostic, Diagnostics, Level, Place, RawNcFunction, Severity, Step, StepKind};
+use plan::{Diagnostic, Diagnostics, Expression, Level, Place, RawNcFunction, Severity, Step, StepKind};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What a look through a program found of its functions.
@@ -32,6 +32,8 @@ pub struct Survey {
     diagnostics: Diagnostics,
     all_modes: bool,
     operations: usize,
+    /// Geometry that recordings name, and what is to be said when the file has it not.
+    points: Vec<(String, Diagnostic)>,
 }
 
 /// Functions that are started and stopped.
@@ -69,6 +71,17 @@ pub struct Found {
     pub diagnostics: Vec<Diagnostic>,
     /// An action goes on in all modes: somebody with the right to that has to be signed in.
     pub all_modes: bool,
+    /// Geometry that recordings name, and what is to be said when the file has it not.
+    pub points: Vec<(String, Diagnostic)>,
+}
+
+impl Found {
+    /// With what is wrong about geometry, now that it is known which the file has.
+    pub fn with_geometry(mut self, has: impl Fn(&str) -> bool) -> Self {
+        let missing = std::mem::take(&mut self.points).into_iter().filter(|(name, _)| !has(name));
+        self.diagnostics.extend(missing.map(|(_, said)| said));
+        self
+    }
 }
 
 impl Survey {
@@ -127,6 +140,7 @@ impl Survey {
             missing: self.missing.into_iter().collect(),
             diagnostics: self.diagnostics.as_slice().to_vec(),
             all_modes: self.all_modes,
+            points: self.points,
         }
     }
 
@@ -156,19 +170,9 @@ impl Survey {
     }
 
     fn meaning(&mut self, function: &Function, step: &Step, along_a_path: bool) {
-        if let Some(variable) = &function.variable {
-            let small = variable.to_ascii_lowercase();
-            if small.starts_with("sensor:") || small.starts_with("trace:") {
-                self.say(
-                    Severity::Error,
-                    "T-07",
-                    format!("{} writes {variable}, which is the machine's", function.name),
-                    "give a variable of the program",
-                    step,
-                );
-            }
-        }
+        self.variable(function, step);
         self.sensors(function, step);
+        self.points(function, step);
         match &function.call {
             Call::Unknown => {
                 let meant = crate::meant(&function.name).map_or_else(String::new, |name| format!("did you mean {name}?"));
@@ -197,6 +201,7 @@ impl Survey {
                     Ok(compiled) => {
                         self.missing.extend(compiled.missing.iter().cloned());
                         for inner in &action.actions {
+                            self.variable(inner, step);
                             self.sensors(inner, step);
                         }
                         self.keep(function.to_string(), compiled, step);
@@ -205,6 +210,44 @@ impl Survey {
             }
             _ => {}
         }
+    }
+
+    /// What a function writes has to be a variable of the program, and one.
+    fn variable(&mut self, function: &Function, step: &Step) {
+        let Some(variable) = &function.variable else { return };
+        if is_of_the_machine(variable) {
+            let text = format!("{} writes {variable}, which is the machine's", function.name);
+            self.say(Severity::Error, "T-07", text, "give a variable of the program", step);
+        } else if meaning(variable) != Meaning::Unknown {
+            let text = format!(
+                "{} writes a variable {variable}; in conditions of synchronized actions that name is the machine's value",
+                function.name
+            );
+            self.say(Severity::Warning, "T-07-name", text, "give the variable another name", step);
+        }
+        if let Ok(several) = wanted(function)
+            && several.len() > 1
+        {
+            let text = format!(
+                "{} gives {} values, which do not fit the one variable {variable}",
+                function.name,
+                several.len()
+            );
+            self.say(Severity::Error, "T-06", text, "name one axis", step);
+        }
+    }
+
+    /// Geometry that a recording names has to be in the file.
+    fn points(&mut self, function: &Function, step: &Step) {
+        let Some(curve) = function.points() else { return };
+        let text = format!(
+            "{} records at #{curve}, and the file has no points of that name",
+            function.name
+        );
+        let missing = Diagnostic::error("T-06", text).remedy(
+            "name an anchor or a polyline of the file; where there is none (G-code), sample by distance:, count: or cycles",
+        );
+        self.points.push((curve.to_owned(), self.placed(missing, step)));
     }
 
     fn keep(&mut self, line: String, compiled: Compiled, step: &Step) {
@@ -324,8 +367,11 @@ impl Survey {
     }
 }
 
-/// Who starts an action that outlives the program has to be of this level or stronger.
-pub const ALL_MODES_LEVEL: u8 = 6;
+/// True for the name of a variable that is bound to the machine: nobody writes it.
+pub fn is_of_the_machine(variable: &str) -> bool {
+    let small = variable.to_ascii_lowercase();
+    small.starts_with("sensor:") || small.starts_with("trace:")
+}
 
 /// The kind of a function along a path.
 pub const ALONG: &str = "other functions";
@@ -341,7 +387,11 @@ pub const ALONG_SAMPLING: &str = "trace.sampling";
 /// [`ALONG_RECORD`] becomes the recording that it means.
 pub fn lines(raw: &RawNcFunction) -> Vec<String> {
     if raw.kind != ALONG {
-        return if is_line(&raw.text) { vec![raw.text.clone()] } else { vec![] };
+        return if is_line(&raw.text) {
+            vec![with_variables(raw)]
+        } else {
+            vec![]
+        };
     }
     let mut found = Vec::new();
     for (name, mode) in &raw.properties {
@@ -372,6 +422,44 @@ pub fn lines(raw: &RawNcFunction) -> Vec<String> {
         ));
     }
     found
+}
+
+/// The line with the present values of the program's variables in its condition: a condition is made when it is started, and what the
+/// program assigns later changes it no more.
+fn with_variables(raw: &RawNcFunction) -> String {
+    let value = |name: &str| -> Option<f64> {
+        let value = raw.properties.get(&format!("{}{name}", RawNcFunction::VARIABLE))?;
+        (meaning(name) == Meaning::Unknown).then(|| value.parse().ok())?
+    };
+    if !raw.properties.keys().any(|name| name.starts_with(RawNcFunction::VARIABLE)) {
+        return raw.text.clone();
+    }
+    let Ok(mut function) = parse(&raw.text) else {
+        return raw.text.clone();
+    };
+    let mut changed = false;
+    for argument in &mut function.arguments {
+        if let crate::Value::Condition(condition) = &mut argument.value {
+            changed |= put_in(condition, &value);
+        }
+    }
+    if changed { function.to_string() } else { raw.text.clone() }
+}
+
+/// Puts values in the place of names; true when there was one.
+fn put_in(expression: &mut Expression, value: &dyn Fn(&str) -> Option<f64>) -> bool {
+    match expression {
+        Expression::Name(name) => match value(name) {
+            Some(number) => {
+                *expression = Expression::Number(number, None);
+                true
+            }
+            None => false,
+        },
+        Expression::Not(inner) | Expression::Negate(inner) => put_in(inner, value),
+        Expression::Binary(_, left, right) => put_in(left, value) | put_in(right, value),
+        Expression::Number(..) | Expression::Truth(_) => false,
+    }
 }
 
 /// `drive-load-x` is the drive load of X; anything else is a name as it stands.

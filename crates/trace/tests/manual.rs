@@ -95,14 +95,19 @@ fn manual() -> String {
         let _ = writeln!(page, "| {kind} | {} |", dimension.unit());
     }
     page.push_str(
+        "\n## What the conditions cost\n\n`CONTROLLER.WATCH_OPERATIONS` (COUNT) is how many operations the conditions took in a cycle, \
+`CONTROLLER.WATCH_TIME`\n(NANOSECOND) how long. Both are recorded and watched like any sensor. In simulated time nobody measures: the time is\n\
+unavailable there, because the same seed has to give the same bytes.\n",
+    );
+    page.push_str(
         "\n## Errors\n\n| code | case | at load | at run time |\n|---|---|---|---|\n\
 | T-01 | stop without an active start | error; a warning where it was started before | event, goes on |\n\
 | T-02 | id started while active | error | start ignored, event |\n\
 | T-03 | clear of an alarm that is not active | | event |\n\
 | T-04 | start without stop in its scope | remark | ended by its scope, reason recorded |\n\
 | T-05 | sensor that this machine has not | warning; error with `required=ON` | quality unavailable, one event an outage |\n\
-| T-06 | a condition that makes no sense: names, units, kinds | error | |\n\
-| T-07 | a variable of the machine is written | error | |\n\
+| T-06 | what makes no sense: names, units and kinds in a condition, several values for one variable, geometry that the file has not | error | event |\n\
+| T-07 | a variable of the machine is written (`sensor:`, `trace:`), by a function, an action or an assignment | error | not written |\n\
 | T-08 | a function that cannot be an action | error | |\n\
 | T-09 | more conditions or firings than the cycle takes | error | what is only recorded goes first, counted |\n\
 | T-10 | cycles lost on their way to a recording | | counted in the recording |\n\

@@ -10,7 +10,7 @@ use super::compact::{self, Merged};
 use super::gap::Gap;
 use super::reader::{cut, read};
 use crate::record::{Finished, Reader, schema::key};
-use crate::{DataDirectory, Job, JobId, JobState, Log, StoreError, whole_file};
+use crate::{DataDirectory, Job, JobId, JobState, Log, RecoveredValues, StoreError, whole_file};
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -36,6 +36,9 @@ pub struct Recovery {
     pub lost: Vec<String>,
     /// Where the bytes are that could not be read.
     pub aside: Vec<PathBuf>,
+    /// What the functions of its program had recorded.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub values: Option<RecoveredValues>,
 }
 
 impl fmt::Display for Recovery {
@@ -59,6 +62,13 @@ impl fmt::Display for Recovery {
         }
         self.gaps.iter().try_for_each(|gap| write!(f, "; {gap}"))?;
         self.lost.iter().try_for_each(|lost| write!(f, "; {lost}"))?;
+        if let Some(values) = &self.values {
+            match &values.file {
+                Some(file) => write!(f, "; {} values of its functions are kept as {}", values.rows, file.display())?,
+                None => write!(f, "; no value of its functions was on disk")?,
+            }
+            values.lost.iter().try_for_each(|lost| write!(f, "; {lost}"))?;
+        }
         self.aside
             .iter()
             .try_for_each(|path| write!(f, " (kept as {})", path.display()))
@@ -119,6 +129,8 @@ impl DataDirectory {
             return Ok(None);
         }
         let job = self.job(job)?;
+        // First of all: they stand in the recording's folder, which goes at the end.
+        let values = self.recover_values(&job)?;
         let mut recovery = if self.recorded_by(job.id)?.is_some() {
             self.recover_parts(&job, &folder)?
         } else {
@@ -127,7 +139,12 @@ impl DataDirectory {
                 None => self.recover_from(&job, &folder)?,
             }
         };
-        recovery.aside = self.keep_aside(&job, &folder)?;
+        recovery.aside = self.keep_aside(&folder, &format!("job-{:06}", job.id.0))?;
+        if values.is_some() {
+            let of_values = self.keep_aside(&self.values_folder(job.id), &format!("job-{:06}-functions", job.id.0))?;
+            recovery.aside.extend(of_values);
+        }
+        recovery.values = values;
         compact::discard(&folder)?;
         Ok(Some(recovery))
     }
@@ -191,6 +208,7 @@ impl DataDirectory {
             gaps,
             lost,
             aside: Vec::new(),
+            values: None,
             earlier: Vec::new(),
             record: record.as_ref().map(|r| r.path.clone()),
         };
@@ -219,15 +237,11 @@ impl DataDirectory {
     }
 
     /// Copies what cannot be read of the segments to `segments/lost/`.
-    fn keep_aside(&self, job: &Job, folder: &Path) -> Result<Vec<PathBuf>, StoreError> {
+    fn keep_aside(&self, folder: &Path, called: &str) -> Result<Vec<PathBuf>, StoreError> {
         let place = self.segments().join("lost");
         let mut kept = Vec::new();
         for path in compact::paths(folder)? {
-            let name = format!(
-                "job-{:06}-{}",
-                job.id.0,
-                path.file_name().unwrap_or_default().to_string_lossy()
-            );
+            let name = format!("{called}-{}", path.file_name().unwrap_or_default().to_string_lossy());
             let from = match read(&path) {
                 _ if path.extension().is_some_and(|e| e != "segment") => continue,
                 Ok(found) => match cut(&found)? {

@@ -104,8 +104,7 @@ pub fn export(root: &Path, job: &str, wanted: &Wanted<'_>, common: &Common) -> D
         done.events = events_csv(&selection, &found.events, &beside)?;
         done.files.push(beside);
     }
-    let values = found.job.folder.join(store::functions::FILE);
-    if values.is_file() {
+    if let Some(values) = directory.values_of(found.job.id).map_err(shop::failure)? {
         let beside = wanted.out.with_extension("functions.csv");
         functions_csv(&values, &beside)?;
         done.files.push(beside);

@@ -5,7 +5,7 @@ use crate::cli::Common;
 use crate::commands::{Done, print_json};
 use crate::failure::Exit;
 use crate::survey::minutes;
-use crate::{clock, say, shop};
+use crate::{clock, functions, say, shop};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -102,7 +102,7 @@ pub fn brief(root: &Path, found: &Found) -> Value {
         "verdict": found.verdict,
         "folder": shown(root, &job.folder),
         "events": found.events.len(),
-        "functions": found.events.iter().filter(|e| e.kind == trace::record::EVENT).count(),
+        "functions": found.events.iter().filter(|e| functions::is_of_the_program(e)).count(),
         "rows": found.rows(),
         "hold": found.hold.as_ref().map(|h| json!({ "since": clock::utc(h.at), "who": h.who, "why": h.why })),
         "missing_rows": missing_rows(found),

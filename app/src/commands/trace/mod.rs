@@ -1,8 +1,9 @@
 //! `toolmark trace`: what was recorded, looked at and never changed.
 //!
-//! All four verbs open the directory to read it, so that they work on a backup and on a medium that cannot be written, and never while a
+//! All verbs open the directory to read it, so that they work on a backup and on a medium that cannot be written, and never while a
 //! process works in it.
 
+mod actions;
 mod export;
 mod list;
 mod mdf;
@@ -34,6 +35,7 @@ pub fn trace(args: &TraceArgs, common: &Common) -> Done {
     match &args.what {
         TraceCommand::List { dir } => list::list(&root(dir)?, common),
         TraceCommand::Show { job, dir, events } => show::show(&root(dir)?, job, *events, common),
+        TraceCommand::Actions { job, dir } => actions::actions(&root(dir)?, job, common),
         TraceCommand::Export {
             job,
             dir,

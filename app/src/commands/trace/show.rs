@@ -41,6 +41,8 @@ pub fn show(root: &Path, job: &str, all_events: bool, common: &Common) -> Done {
         answer["gaps"] = gaps(&numbers);
         answer["function_records"] =
             serde_json::to_value(functions::told(&found.events)).expect("texts and numbers are always JSON");
+        let values = directory.values_of(found.job.id).map_err(shop::failure)?;
+        answer["function_values"] = json!(values);
         answer["channels"] = serde_json::to_value(&numbers.channels).expect("texts and numbers are always JSON");
         answer["workingsteps"] = workingsteps(&found, &numbers, &names);
         print_json(&answer)?;
@@ -60,6 +62,9 @@ pub fn show(root: &Path, job: &str, all_events: bool, common: &Common) -> Done {
         if !told.is_empty() {
             say(&format!("  {} records of functions", told.len()));
             functions::print(&told);
+        }
+        if let Some(values) = directory.values_of(found.job.id).map_err(shop::failure)? {
+            say(&format!("  values of functions {}", shown(root, &values)));
         }
         events(&found, all_events);
     }

@@ -13,6 +13,15 @@ const BUCKETS: usize = ((OCTAVES - PARTS + 1) << PARTS) as usize;
 /// One servo cycle.
 const PERIOD: Duration = Duration::from_millis(1);
 
+/// How punctual a realtime thread was.
+#[derive(Default)]
+pub struct Punctuality {
+    /// How late cycles began.
+    pub cycles: Lateness,
+    /// How late the system woke the thread for them, which it asks for a little before their time.
+    pub wake_ups: Lateness,
+}
+
 /// Lateness of every cycle so far. Writing is two additions to memory that is there; nothing is allocated and nobody waits.
 pub struct Lateness {
     buckets: [AtomicU64; BUCKETS],

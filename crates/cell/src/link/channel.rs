@@ -16,6 +16,8 @@ pub enum Damage {
     Twice,
     /// Some bytes are missing.
     Missing,
+    /// Two pieces that follow each other come in the other order.
+    Swapped,
 }
 
 /// One direction of a connection.
@@ -108,6 +110,13 @@ impl Way {
                 bytes.extend(piece);
             }
             Damage::Missing => drop(bytes.drain(at..at + count)),
+            Damage::Swapped => {
+                // At least a byte on either side; a single byte has nothing to change places with.
+                let at = at.min(bytes.len().saturating_sub(2));
+                let end = (at + 2 * count).min(bytes.len());
+                let middle = (end - at) / 2;
+                bytes[at..end].rotate_left(middle);
+            }
         }
         bytes
     }

@@ -13,6 +13,10 @@ use units::TICK;
 const SHARE: f64 = 0.7;
 /// The same, where a ramp would become too long.
 const MOST: f64 = 0.97;
+/// Part of an axis's acceleration that may come on top of the plan's own where the plan uses all of it, and the most that is used where it
+/// leaves room.
+const ON_TOP: f64 = 0.02;
+const LANDING: f64 = 0.2;
 /// Part of an axis's jerk with which a ramp is begun and ended, and that its bends may use.
 const JERK_SHARE: f64 = 0.6;
 const BEND_SHARE: f64 = 0.4;
@@ -278,18 +282,9 @@ impl<'a> Scaler<'a> {
         if over < 1e-9 {
             return RampEnd::Done;
         }
-        let Some(here) = self.planned(course.pose.phase, 1.0, 0.0) else {
-            return RampEnd::NoPlan;
-        };
         // Rate 1 - over w(i), w(i) = 2/K sin^2(pi i/K): its sum is 1, its steepest 2 pi/K^2 and its bend 4 pi^2/K^3.
         let pi = core::f64::consts::PI;
-        let needed = (0..3).map(|k| {
-            let v = here.set_point.velocity[k].abs();
-            let by_acceleration = (2.0 * pi * over * v / (0.2 * self.accelerations[k] * TICK.0)).sqrt();
-            let by_jerk = libm::cbrt(4.0 * pi * pi * over * v / (0.5 * self.jerks[k] * TICK.0 * TICK.0));
-            by_acceleration.max(by_jerk)
-        });
-        let cycles = needed.fold(4.0, f64::max).ceil();
+        let cycles = self.landing_cycles(course.pose.phase, over);
         let began = course.pose.phase;
         for i in 1..=cycles as u64 {
             let sine = libm::sin(pi * i as f64 / cycles);
@@ -310,6 +305,28 @@ impl<'a> Scaler<'a> {
             }
         }
         RampEnd::Done
+    }
+
+    /// How long a landing takes that the axes can do on top of what the plan does meanwhile.
+    fn landing_cycles(&self, phase: f64, over: f64) -> f64 {
+        let pi = core::f64::consts::PI;
+        let (mut cycles, mut fastest, mut strongest) = (4.0f64, [0.0f64; 3], [0.0f64; 3]);
+        // The longer it is, the more of the plan has a say in it.
+        for (ahead, cycle) in (libm::floor(phase) as u64..).enumerate() {
+            let Some((set_point, _)) = self.stock.set_point(cycle).filter(|_| ahead as f64 <= cycles + 1.0) else {
+                break;
+            };
+            for k in 0..3 {
+                fastest[k] = fastest[k].max(set_point.velocity[k].abs());
+                strongest[k] = strongest[k].max(set_point.acceleration[k].abs());
+                let share = (1.0 - strongest[k] / self.accelerations[k]).clamp(ON_TOP, LANDING);
+                let v = over * fastest[k];
+                let by_acceleration = (2.0 * pi * v / (share * self.accelerations[k] * TICK.0)).sqrt();
+                let by_jerk = libm::cbrt(4.0 * pi * pi * v / (0.5 * self.jerks[k] * TICK.0 * TICK.0));
+                cycles = cycles.max(by_acceleration.ceil()).max(by_jerk.ceil());
+            }
+        }
+        cycles
     }
 
     /// One cycle further, at `rate` then; true when the plan is at rest there.
@@ -405,6 +422,7 @@ impl<'a> Scaler<'a> {
                 path_speed: length * -speed,
                 rapid: false,
                 planned_override: 1.0,
+                tie: None,
                 ..goal
             };
             let said = course.said;

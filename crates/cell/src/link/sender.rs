@@ -16,7 +16,7 @@ use machine::link::message::{
 use machine::link::{Entry, Kind, LimitsHash, Loaded, Name, PlanId, Reader, Status, Urgent, Wire};
 use machine::watch::Firing;
 use machine::{Command, MachineParameters, Report, Request, State, StopCause};
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use units::Tick;
 
 /// Smaller blocks wait for more: each has a tail.
@@ -109,6 +109,12 @@ pub struct LinkSender {
     told_reports: u64,
     firings: VecDeque<Firing>,
     next_firing: u64,
+    /// Conditions that have fired, as far as was heard.
+    fired: BTreeSet<u16>,
+    /// What sessions before the present one had lost.
+    lost_before: (u64, u64),
+    /// Sessions that a controller began which knew nothing of the one before.
+    begun_anew: u64,
     loads: Loads,
     last: Option<Report>,
     pushed: bool,
@@ -145,6 +151,9 @@ impl LinkSender {
             told_reports: 0,
             firings: VecDeque::new(),
             next_firing: 0,
+            fired: BTreeSet::new(),
+            lost_before: (0, 0),
+            begun_anew: 0,
             loads: Loads::default(),
             last: None,
             pushed: false,
@@ -158,6 +167,23 @@ impl LinkSender {
     /// nothing. A controller that knows more is believed.
     pub fn known_done(&mut self, count: u64) {
         self.stock.done(count);
+    }
+
+    /// These conditions had fired when the plan was left: for the same. A machine that was reset or started again does not fire one a second
+    /// time that fires once.
+    pub fn known_fired(&mut self, watches: impl IntoIterator<Item = u16>) {
+        self.fired.extend(watches);
+    }
+
+    /// Conditions that have fired, for [`LinkSender::known_fired`] of the next sender of this plan.
+    pub fn fired(&self) -> &BTreeSet<u16> {
+        &self.fired
+    }
+
+    /// Times that the controller knew nothing of what it had been given: it was started again, or another sender had it. What it had not
+    /// told until then is lost, nobody knows how much; its conditions are taken up again when the machine goes on.
+    pub fn begun_anew(&self) -> u64 {
+        self.begun_anew
     }
 
     /// Takes the next command of the plan, as the machine's queue would.
@@ -191,7 +217,7 @@ impl LinkSender {
 
     /// Firings that were lost on the way, in all.
     pub fn lost_firings(&self) -> u64 {
-        self.status.lost_firings
+        self.lost_before.1 + self.status.lost_firings
     }
 
     /// Takes a condition or a tool that the machine is to know. Nothing of the plan goes out before all that was taken until then is
@@ -207,7 +233,7 @@ impl LinkSender {
 
     /// Reports that were lost on the way, in all: a gap in the record.
     pub fn lost_reports(&self) -> u64 {
-        self.status.lost_reports
+        self.lost_before.0 + self.status.lost_reports
     }
 
     /// Lets the machine go back to the path straight and slowly (10 mm/s) from so far away, mm. What lies between is for the person to know.
@@ -354,6 +380,10 @@ impl LinkSender {
             });
         }
         self.line = Line::Linked;
+        if self.session != 0 && !welcome.continues {
+            self.begun_anew += 1;
+            self.lost_before = (self.lost_reports(), self.lost_firings());
+        }
         self.session = welcome.session;
         self.wired.session = welcome.session;
         self.welcome = Some(welcome);
@@ -401,6 +431,9 @@ impl LinkSender {
             let firing = Firing::read(&mut reader).map_err(wrong)?;
             if number >= self.next_firing {
                 self.next_firing = number + 1;
+                if firing.known {
+                    self.fired.insert(firing.watch);
+                }
                 self.firings.push_back(firing);
             }
         }
@@ -561,10 +594,8 @@ impl LinkSender {
     fn ready_again(&self, done: u64, report: &Report) -> Vec<Posed> {
         let in_force = self.stock.in_force(done);
         let mut commands = in_force.commands(report.sample.tool);
-        if report.state == State::Ready {
-            // The machine was reset or started again: conditions of its program are over there.
-            commands.extend(in_force.watch_commands());
-        }
+        // On a machine that was reset or started again conditions of its program are over. It may be reset as late as now.
+        commands.extend(in_force.watch_commands(&self.fired));
         commands.into_iter().map(|command| standing(command, done)).collect()
     }
 

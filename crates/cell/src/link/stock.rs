@@ -5,7 +5,7 @@
 
 use machine::watch::WatchOrder;
 use machine::{Command, CoolantOutlets, SetPoint, SpindleCommand};
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use units::{StepId, ToolNumber, WorkingstepId};
 
 /// Commands beyond what is done that are kept at most: what may be under way, its tail, and enough to begin anew.
@@ -57,25 +57,28 @@ impl InForce {
 
     fn follow_watch(&mut self, order: WatchOrder) {
         match order {
-            WatchOrder::Start(number) => {
+            WatchOrder::Start(number) | WatchOrder::TakeUp { watch: number, .. } => {
                 if !self.watches.contains(&number) {
                     self.watches.push(number);
                 }
             }
             WatchOrder::Stop(number) => self.watches.retain(|started| *started != number),
-            WatchOrder::OperationBegins => self.in_operation = true,
+            WatchOrder::OperationBegins | WatchOrder::OperationUnderWay => self.in_operation = true,
             WatchOrder::OperationEnds => self.in_operation = false,
             // One that is set stays with the machine; a reset by a person has ended it.
             WatchOrder::Alarm(_) => {}
         }
     }
 
-    /// What starts the conditions again on a machine on which they are over, each as if it had not fired yet. On one that only stopped they
-    /// run on where they are.
-    pub fn watch_commands(&self) -> impl Iterator<Item = Command> {
+    /// What takes the conditions up again on a machine on which they are over; those in `fired` had fired. On one that only stopped they run
+    /// on where they are, and this changes nothing.
+    pub fn watch_commands<'f>(&'f self, fired: &'f BTreeSet<u16>) -> impl Iterator<Item = Command> + 'f {
         let step = self.step;
-        let begins = self.in_operation.then_some(WatchOrder::OperationBegins);
-        let starts = self.watches.iter().map(|number| WatchOrder::Start(*number));
+        let begins = self.in_operation.then_some(WatchOrder::OperationUnderWay);
+        let starts = self.watches.iter().map(|&watch| WatchOrder::TakeUp {
+            watch,
+            fired: fired.contains(&watch),
+        });
         begins
             .into_iter()
             .chain(starts)

@@ -3,8 +3,8 @@
 //! Places are those of the tool tip: a `T` line tells the machine the tool's length, which it adds against the home position
 //! ([`Command::ToolLength`]), so the tip of the new tool comes to where that of the old one was.
 //!
-//! One client at a time. A line that is none, a step above what an axis can do in a millisecond, one that disagrees with its speed, an
-//! operation that ends in motion and a connection that closes in the middle are a controlled stop: what was queued is not gone on with,
+//! One client at a time. A line that is none, a step above what an axis can do in a millisecond or after the one before it, one that
+//! disagrees with its speed, an operation that ends in motion and a connection that closes in the middle are a controlled stop: what was queued is not gone on with,
 //! spindle and coolant go off, and nothing is taken until the person has reset the machine and a client says `M1` again.
 
 use super::receiver::Connection;
@@ -88,6 +88,15 @@ pub enum TextRule {
         /// The number.
         speed: i16,
     },
+    /// A step that differs from the one before it by more than the axis can speed up or brake.
+    Acceleration {
+        /// 0 is X.
+        axis: u8,
+        /// Pulses.
+        step: i64,
+        /// Pulses of the one before.
+        before: i64,
+    },
     /// Machining only.
     NotMachining,
     /// Not while machining.
@@ -116,6 +125,13 @@ impl std::fmt::Display for TextStop {
                         write!(
                             f,
                             "{} moves {step} pulses, and its speed {speed} says otherwise",
+                            letter(axis)
+                        )
+                    }
+                    TextRule::Acceleration { axis, step, before } => {
+                        write!(
+                            f,
+                            "{} moves {step} pulses after {before}, which is a harder start or stop than it can do",
                             letter(axis)
                         )
                     }
@@ -483,6 +499,7 @@ impl TextReceiver {
             // The controller itself looks whether the first lies where the axes stand.
             return Ok(());
         };
+        let earlier = self.places.iter().rev().chain(self.before.iter().rev()).nth(1);
         for (k, (now, was)) in axes.iter().zip(&before.axes).enumerate() {
             let limits = &self.parameters.axes[k];
             let axis = k as u8;
@@ -502,6 +519,14 @@ impl TextReceiver {
                     step,
                     speed: now.speed,
                 });
+            }
+            // Each of the three places is rounded, the middle one counts twice; a plan under a change of its rate uses 1.05 of the limit.
+            let Some(earlier) = earlier else { continue };
+            let step_before = i64::from(was.position) - i64::from(earlier.axes[k].position);
+            let possible = 1.05 * limits.a_max.0 * TICK.0 * TICK.0 * PULSES_PER_MM + 2.0;
+            if (step - step_before).abs() as f64 > possible {
+                let before = step_before;
+                return Err(TextRule::Acceleration { axis, step, before });
             }
         }
         Ok(())
@@ -547,6 +572,7 @@ impl TextReceiver {
             path_speed: velocity.iter().map(|v| v * v).sum::<f64>().sqrt(),
             rapid: false,
             planned_override: 1.0,
+            tie: None,
         };
         self.velocity = velocity;
         self.command(Command::SetPoint(set_point));

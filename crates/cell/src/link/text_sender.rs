@@ -149,6 +149,8 @@ pub struct TextSender {
     stop_asked: bool,
     /// Since when lines are counted, and how many went out.
     clock: Option<Tick>,
+    counted: u64,
+    /// How many went out in all.
     lines: u64,
     pushed: bool,
     pushed_at: Tick,
@@ -181,6 +183,7 @@ impl TextSender {
             paused: false,
             stop_asked: false,
             clock: None,
+            counted: 0,
             lines: 0,
             pushed: false,
             pushed_at: Tick(0),
@@ -350,7 +353,7 @@ impl TextSender {
 
     fn may_send(&self, now: Tick) -> bool {
         self.clock
-            .is_none_or(|clock| self.lines < now.0.saturating_sub(clock.0) + LINES_AHEAD)
+            .is_none_or(|clock| self.counted < now.0.saturating_sub(clock.0) + LINES_AHEAD)
     }
 
     fn say(&mut self, now: Tick, command: Command, out: &mut Vec<u8>) -> Result<(), TextRefusal> {
@@ -425,7 +428,7 @@ impl TextSender {
         }
         if waits {
             // How long the machine takes for it, nobody tells: lines are counted anew.
-            (self.clock, self.lines) = (None, 0);
+            (self.clock, self.counted) = (None, 0);
         }
     }
 
@@ -463,6 +466,7 @@ impl TextSender {
 
     fn movement(&mut self, now: Tick, speeds: [i16; 3], place: [i32; 3], out: &mut Vec<u8>) {
         self.clock.get_or_insert(now);
+        self.counted += 1;
         self.lines += 1;
         let axes = std::array::from_fn(|k| Movement {
             speed: speeds[k],

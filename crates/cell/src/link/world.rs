@@ -13,7 +13,7 @@ use machine::link::{Follower, Loaded, Order, PlanId};
 use machine::{MachineParameters, Plant, Quality, RealtimeHalf, Report, Request, State};
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use trace::record::Recorder;
 use trace::survey::Found;
 use units::{Machine, Millimetres, Point, Tick, Timestamp, ToolNumber};
@@ -94,11 +94,12 @@ impl LinkFault {
                     3 | 4 => LinkFault::Damaged {
                         at,
                         to_machine: up_to(4) > 0,
-                        damage: match up_to(4) {
+                        damage: match up_to(5) {
                             0 => Damage::Bit,
                             1 => Damage::Bytes,
                             2 => Damage::Twice,
-                            _ => Damage::Missing,
+                            3 => Damage::Missing,
+                            _ => Damage::Swapped,
                         },
                     },
                     5 => LinkFault::SenderKilled {
@@ -210,8 +211,11 @@ pub struct LinkedWorld<'a, S> {
     restarts: u32,
     /// Times that senders before the present one led the machine back onto its plan, and of those, from beside the path.
     earlier: (u64, u64),
-    /// Commands that are known to be done.
+    /// Commands that are known to be done, and conditions that are known to have fired.
     known_done: u64,
+    known_fired: BTreeSet<u16>,
+    /// Firings that the machine made, by condition.
+    made: BTreeMap<u16, u64>,
     /// The person acknowledges what stopped the machine.
     resets: bool,
 }
@@ -248,6 +252,8 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
             restarts: 0,
             earlier: (0, 0),
             known_done: 0,
+            known_fired: BTreeSet::new(),
+            made: BTreeMap::new(),
             resets: false,
             config,
         };
@@ -274,6 +280,11 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
         }
     }
 
+    /// Firings that the machine made, whoever heard of them, by condition.
+    pub fn firings_made(&self) -> &BTreeMap<u16, u64> {
+        &self.made
+    }
+
     /// The sender, while it runs.
     pub fn sender(&self) -> Option<&LinkSender> {
         self.office.as_ref().map(|o| &o.1)
@@ -282,6 +293,11 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
     /// The office half, while it runs.
     pub fn office(&self) -> Option<&OfficeHalf<'static, S>> {
         self.office.as_ref().map(|o| &o.0)
+    }
+
+    /// The machine's last cycle, whoever heard of it.
+    pub fn reported(&self) -> Option<&Report> {
+        self.last.as_ref()
     }
 
     /// The receiver.
@@ -334,6 +350,7 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
         self.exchange();
         let mut ended = None;
         if let Some((office, sender)) = &mut self.office {
+            office.machine_begun_anew(sender.begun_anew(), sink);
             while let Some(report) = sender.report() {
                 while let Some(firing) = sender.firing(report.sample.tick) {
                     office.fired(firing);
@@ -379,6 +396,7 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
             }
         }
         sender.known_done(self.known_done);
+        sender.known_fired(self.known_fired.iter().copied());
         self.office = Some((office, sender));
     }
 
@@ -389,6 +407,7 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
             self.earlier.1 += status.approaches;
             // What the record of the run holds.
             self.known_done = self.known_done.max(status.done);
+            self.known_fired.extend(sender.fired());
         }
         self.close();
     }
@@ -414,6 +433,7 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
         self.follower.after_tick(&mut self.realtime);
         while let Some(report) = self.realtime.report() {
             while let Some(firing) = self.realtime.firing(report.sample.tick) {
+                *self.made.entry(firing.watch).or_default() += u64::from(firing.known);
                 self.receiver.fired(firing);
             }
             seen(&report);

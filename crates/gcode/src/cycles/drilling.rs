@@ -251,7 +251,7 @@ impl Interpreter {
         self.go([(axis, to); 2], speed);
     }
 
-    fn turn(&mut self, state: Turning) {
+    pub(crate) fn turn(&mut self, state: Turning) {
         self.turning = state;
         self.say_spindle();
     }

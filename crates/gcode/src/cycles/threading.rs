@@ -1,7 +1,7 @@
-//! Threads of a lathe: G32 (a mill's G33), the pass of G92, and the cycle G76 in its two-block and one-block forms.
+//! Threads: G32 (a mill's G33), G33.1 of RS274, the pass of G92, and the cycle G76 in its two-block and one-block forms.
 //!
-//! F is the lead along Z, or along X where a thread goes farther along X. A thread's moves carry [`plan::Feed::Thread`]: they are tied
-//! to the spindle, from its index mark plus Q.
+//! F is the lead along the axis that goes farther; RS274 says by K how far a revolution goes along the path. A thread's moves carry
+//! [`plan::Feed::Thread`]: they are tied to the spindle, from its index mark plus Q.
 //!
 //! G76: the depth after pass n is `first * sqrt(n)`, by at least the least depth, down to the depth less the finishing allowance; then
 //! the finishing passes go to the full depth. The tool feeds in along one flank: a pass at depth h begins `h * tan(angle / 2)` farther
@@ -121,6 +121,15 @@ impl Expansion for Thread76 {
 impl Interpreter {
     /// The lead that F says, mm.
     pub(crate) fn lead(&mut self, at: usize, site: Site<'_>) -> Outcome<f64> {
+        self.check_thread_spindle(at, site)?;
+        match self.last_f {
+            Some(lead) if lead > 0.0 => Ok(lead),
+            _ => Err(Fault::new(at, 11, "no-feed", "a thread without a lead", "write F, the lead")),
+        }
+    }
+
+    /// A thread needs a spindle that turns, and keeps its speed.
+    fn check_thread_spindle(&mut self, at: usize, site: Site<'_>) -> Outcome<()> {
         if self.turning == Turning::Stopped {
             return Err(Fault::new(
                 at,
@@ -138,10 +147,26 @@ impl Interpreter {
                 )
             });
         }
-        match self.last_f {
-            Some(lead) if lead > 0.0 => Ok(lead),
-            _ => Err(Fault::new(at, 11, "no-feed", "a thread without a lead", "write F, the lead")),
+        Ok(())
+    }
+
+    /// How far a thread goes along its path in a revolution, for a move that goes `d` along the axes.
+    fn advance(&mut self, d: [f64; 3], at: usize, block: &mut Block, site: Site<'_>) -> Outcome<Millimetres> {
+        if self.profile.lead_in_k {
+            self.check_thread_spindle(at, site)?;
+            let k = block
+                .take(b'K')
+                .ok_or_else(|| missing_word(at, "a thread", "K, the way in a revolution"))?;
+            let advance = self.length(b'K', k, site);
+            return match advance > 0.0 {
+                true => Ok(Millimetres(advance)),
+                false => Err(Fault::new(k.at, 0, "no-feed", "a thread without a lead", "write a K above 0")),
+            };
         }
+        let lead = self.lead(at, site)?;
+        let longer = d.iter().copied().fold(0.0, f64::max);
+        let length = libm::sqrt(d.iter().map(|v| v * v).sum());
+        Ok(Millimetres(if longer > 0.0 { lead * length / longer } else { lead }))
     }
 
     /// Q of a thread: thousandths of a degree from the spindle's index mark.
@@ -166,19 +191,51 @@ impl Interpreter {
 
     /// G32, G33: one thread move; a second one right behind it follows on.
     pub(crate) fn thread_to(&mut self, to: [f64; 3], at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
-        let lead = self.lead(at, site)?;
-        let angle = self.start_angle(block);
+        let d: [f64; 3] = std::array::from_fn(|k| (to[k] - self.tip[k]).abs());
+        let advance = self.advance(d, at, block, site)?;
+        let angle = match self.profile.lead_in_k {
+            true => Radians(0.0),
+            false => self.start_angle(block),
+        };
         let start = (!self.threading).then_some(angle);
         self.note_no_compensation("threading", at, site);
         self.interrupt_compensation();
-        let d: [f64; 3] = std::array::from_fn(|k| (to[k] - self.tip[k]).abs());
-        let longer = d.iter().copied().fold(0.0, f64::max);
-        if longer <= 0.0 {
+        if d == [0.0; 3] {
             return Ok(());
         }
-        let advance = Millimetres(lead * libm::sqrt(d.iter().map(|v| v * v).sum()) / longer);
         self.compensation.suspended = true;
         self.line(to, Speed::Feed(Feed::Thread(Thread { advance, start })));
+        self.compensation.suspended = false;
+        Ok(())
+    }
+
+    /// G33.1: in to `to`, the spindle turns round, out to where it began, and turns as before.
+    pub(crate) fn tap_to(&mut self, to: [f64; 3], at: usize, block: &mut Block, site: Site<'_>) -> Outcome<()> {
+        let from = self.tip;
+        let d: [f64; 3] = std::array::from_fn(|k| (to[k] - from[k]).abs());
+        let advance = self.advance(d, at, block, site)?;
+        if d == [0.0; 3] {
+            return Err(Fault::new(
+                at,
+                0,
+                "word-missing",
+                "G33.1 without a way to go",
+                "write the bottom of the hole",
+            ));
+        }
+        self.note_no_compensation("tapping", at, site);
+        self.interrupt_compensation();
+        let before = self.turning;
+        let back = match before {
+            Turning::Clockwise => Turning::Counterclockwise,
+            _ => Turning::Clockwise,
+        };
+        let [down, up] = [Some(Radians(0.0)), None].map(|start| Speed::Feed(Feed::Thread(Thread { advance, start })));
+        self.compensation.suspended = true;
+        self.line(to, down);
+        self.turn(back);
+        self.line(from, up);
+        self.turn(before);
         self.compensation.suspended = false;
         Ok(())
     }

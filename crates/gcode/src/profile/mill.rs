@@ -149,6 +149,7 @@ pub const FANUC_MILL: Profile = Profile {
     limits_in_increments: true,
     increment: [0.001, 0.0001],
     rounds_words: true,
+    lead_in_k: false,
     dwell_unit: 0.001,
     dwell_point_too: false,
     tool_change_after_motion: true,

@@ -23,6 +23,12 @@ impl Controller {
         if self.astray {
             return self.brake_astray();
         }
+        if self.here.tie.is_some() && self.thread.turn.is_none() {
+            self.see_turn(&self.planned());
+        }
+        if let Some(turn) = self.thread.turn.take() {
+            return self.turn_round(turn, cycles);
+        }
         let before = self.choose_rate();
         // From a rest the drives get the feed-forward of the first set-point in the cycle before it, as of every other.
         let at_rest = core::mem::take(&mut self.standing) && self.fraction == 0.0 && is_rest(&self.here);
@@ -32,7 +38,9 @@ impl Controller {
         self.fraction += if begins {
             self.rate * whole
         } else {
-            (before + self.rate) / 2.0 + self.rate * (whole - 1.0)
+            // A thread begins by the angle of its spindle, within a cycle.
+            let early = core::mem::take(&mut self.thread.early);
+            ((before + self.rate) / 2.0 + self.rate * (whole - 1.0) + early).max(0.0)
         };
         self.consume();
         if self.fraction > 0.0 && !self.resting(&self.here) && self.next_set_point().is_none() {
@@ -106,6 +114,11 @@ impl Controller {
                         return;
                     }
                     self.counters.completed += 1;
+                    // A thread is begun by the angle of its spindle, however fast the axes got here.
+                    if is_rest(&self.here) && self.next_set_point().is_some_and(SetPoint::is_locked) {
+                        self.fraction = 0.0;
+                        return;
+                    }
                 }
                 Some(command) if needs_rest(&command) => {
                     self.fraction = 0.0;
@@ -189,31 +202,12 @@ impl Controller {
 
     /// Where the plan is now: on the last set-point, or between it and the next by Hermite's cubic.
     pub(super) fn planned(&self) -> Planned {
-        let a = &self.here;
         let next = if self.fraction > 0.0 { self.next_set_point() } else { None };
-        let (u, b) = match next {
-            Some(b) => (self.fraction, b),
-            None => {
-                return Planned {
-                    position: a.position,
-                    velocity: a.velocity,
-                    acceleration: a.acceleration,
-                    path_speed: a.path_speed,
-                };
-            }
-        };
-        let between = |from: f64, to: f64| from + (to - from) * u;
-        let (u2, u3) = (u * u, u * u * u);
-        Planned {
-            position: core::array::from_fn(|k| {
-                let (p, q) = (a.position[k], b.position[k]);
-                let (m, n) = (a.velocity[k] * TICK.0, b.velocity[k] * TICK.0);
-                (2.0 * u3 - 3.0 * u2 + 1.0) * p + (u3 - 2.0 * u2 + u) * m + (3.0 * u2 - 2.0 * u3) * q + (u3 - u2) * n
-            }),
-            velocity: core::array::from_fn(|k| between(a.velocity[k], b.velocity[k])),
-            acceleration: core::array::from_fn(|k| between(a.acceleration[k], b.acceleration[k])),
-            path_speed: between(a.path_speed, b.path_speed),
-        }
+        between(
+            &self.here,
+            next.unwrap_or(&self.here),
+            if next.is_some() { self.fraction } else { 0.0 },
+        )
     }
 
     /// Mean acceleration of the plan over the cycle to come, mm/s^2 of planned time.
@@ -248,6 +242,30 @@ impl Controller {
     /// True when a set-point is as good as standing: an axis can take away its speed within a cycle.
     pub(super) fn resting(&self, set_point: &SetPoint) -> bool {
         (0..3).all(|k| set_point.velocity[k].abs() <= self.parameters.axes[k].a_max.0 * TICK.0)
+    }
+}
+
+/// Where the plan is a part of a cycle behind `a`, on the way to `b`: Hermite's cubic.
+pub(super) fn between(a: &SetPoint, b: &SetPoint, u: f64) -> Planned {
+    if u <= 0.0 {
+        return Planned {
+            position: a.position,
+            velocity: a.velocity,
+            acceleration: a.acceleration,
+            path_speed: a.path_speed,
+        };
+    }
+    let between = |from: f64, to: f64| from + (to - from) * u;
+    let (u2, u3) = (u * u, u * u * u);
+    Planned {
+        position: core::array::from_fn(|k| {
+            let (p, q) = (a.position[k], b.position[k]);
+            let (m, n) = (a.velocity[k] * TICK.0, b.velocity[k] * TICK.0);
+            (2.0 * u3 - 3.0 * u2 + 1.0) * p + (u3 - 2.0 * u2 + u) * m + (3.0 * u2 - 2.0 * u3) * q + (u3 - u2) * n
+        }),
+        velocity: core::array::from_fn(|k| between(a.velocity[k], b.velocity[k])),
+        acceleration: core::array::from_fn(|k| between(a.acceleration[k], b.acceleration[k])),
+        path_speed: between(a.path_speed, b.path_speed),
     }
 }
 

@@ -4,6 +4,7 @@
 //! v = q' rate, a = q'' rate^2 + q' rate', j = q''' rate^3 + 3 q'' rate rate' + q' rate''. The plan keeps its limits at rate 1, so any
 //! constant rate below it does, and what a change may take is what is left of them.
 
+use super::path::between;
 use super::*;
 use crate::follow::follow;
 
@@ -15,14 +16,24 @@ const SAME_RATE: f64 = 1e-6;
 const BENDS_AHEAD: usize = 24;
 /// Part of the axes' jerk with which a change of the rate is begun and taken back; the rest is for the bends of the plan.
 const JERK_SHARE: f64 = 0.6;
+/// A spindle that is faster than planned is followed up to this.
+const MOST_RATE: f64 = 1.3;
 /// What is tried, from the fastest change (0) towards taking it back (1).
-const TRIED: [f64; 3] = [0.0, 0.4, 0.8];
-/// Times the limits of an axis that a change of the rate may use: where the plan uses all of them a hold could not begin otherwise.
-const OVER: f64 = 1.05;
+const TRIED: [f64; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, 0.95];
+/// Times the limits of acceleration and jerk of an axis that a change of the rate may use, by differences of the commanded places. The third
+/// difference of a motion within its limits is a mean of its jerk over three cycles, so it has no excess of its own; the plan uses up to
+/// 1.001 of the limits, and the cubic between its set-points is off their curve by some millionths of a millimetre.
+const MOST_ACCELERATION: f64 = 1.005;
+const MOST_JERK: f64 = 1.01;
+/// How much more than what taking it back takes a change may take, where that is over the limits already.
+const NO_WORSE: f64 = 1.0005;
+/// Cycles behind the last change of the rate whose differences still see it.
+const BEHIND: u32 = 3;
 
 impl Controller {
     /// Chooses the rate for the end of the coming cycle; gives that of its beginning.
     pub(super) fn choose_rate(&mut self) -> f64 {
+        self.leave_trail();
         let planned = self.planned();
         let speed = length(planned.velocity);
         let short = self.is_short(speed);
@@ -34,10 +45,16 @@ impl Controller {
         self.counters.starved_ticks += u64::from(slowed);
         self.counters.starvations += u64::from(slowed && !self.starving);
         self.starving = slowed;
+        let tie = self.next_set_point().and_then(|next| next.tie);
+        self.highest_rate = if tie.is_some() { self.possible_rate() } else { 1.0 };
+        let wanted = match tie {
+            Some(tie) => self.thread_rate(tie, &planned, self.highest_rate),
+            None => self.wanted_rate(),
+        };
         let target = match self.state {
-            State::Running if !starved => self.wanted_rate(),
+            State::Running if !starved => wanted,
             // A hold waits for the end of a thread; a stop does not.
-            State::Holding if !short && self.is_threading() => self.wanted_rate(),
+            State::Holding if !short && self.is_threading() => wanted,
             _ => 0.0,
         };
         // At rest any rate is as good as another: nothing jumps.
@@ -55,10 +72,41 @@ impl Controller {
         (self.rate, self.rate_change) = match after {
             _ if (after - target).abs() <= SAME_RATE => (target, 0.0),
             ..0.0 => (0.0, 0.0),
-            1.0.. => (1.0, 0.0),
+            _ if after >= self.highest_rate => (self.highest_rate, 0.0),
             _ => (after, change),
         };
         before
+    }
+
+    /// The highest rate at which the plan ahead keeps the limits of the axes; at least that at which it was made.
+    fn possible_rate(&self) -> f64 {
+        let mut rate = MOST_RATE;
+        let mut before = &self.here;
+        let ahead = (0..BENDS_AHEAD).map_while(|index| self.queue.get(index));
+        let set_points = ahead.filter_map(|command| match command {
+            Command::SetPoint(s) => Some(s),
+            _ => None,
+        });
+        for s in set_points {
+            for (k, axis) in self.parameters.axes.iter().enumerate() {
+                let jerk = (s.acceleration[k] - before.acceleration[k]).abs() / TICK.0;
+                rate = rate
+                    .min(axis.v_max.0 / s.velocity[k].abs())
+                    .min(libm::sqrt(MOST_ACCELERATION * axis.a_max.0 / s.acceleration[k].abs()))
+                    .min(libm::cbrt(MOST_JERK * axis.j_max.0 / jerk));
+            }
+            before = s;
+        }
+        rate.max(1.0)
+    }
+
+    /// Keeps the last three places that were commanded, the newest first.
+    fn leave_trail(&mut self) {
+        self.trail = if self.standing {
+            [self.commanded; 3]
+        } else {
+            [self.commanded, self.trail[0], self.trail[1]]
+        };
     }
 
     /// The rate that the overrides ask for here. Never above 1: a plan is as fast as the axes can; for more the office plans anew.
@@ -101,73 +149,71 @@ impl Controller {
         if self.is_jerky {
             return fastest;
         }
+        if fastest == self.rate_change && fastest == 0.0 {
+            return 0.0;
+        }
         let back = taken_back(self.rate_change, jerk);
-        let between = |part: f64| fastest + (back - fastest) * part;
-        let possible = |change: &f64| self.can_be_taken_back(*change);
-        let chosen = TRIED.into_iter().map(between).find(possible).unwrap_or(back);
-        within(chosen, -fall, rise)
+        let tried = TRIED.map(|part| fastest + (back - fastest) * part);
+        if let Some(change) = tried.into_iter().find(|change| self.load(*change, 1.0) <= 1.0) {
+            return change;
+        }
+        // Where the plan itself is over a limit, a change must not make it more.
+        let most = self.load(back, f64::INFINITY) * NO_WORSE;
+        let no_worse = |change: &f64| most > 1.0 && self.load(*change, most) <= most;
+        tried.into_iter().find(no_worse).unwrap_or(back)
     }
 
-    /// Whether rate' may become `change` now: whether it can be taken back from there with every axis within its limits all the way. Where that was true once it stays true, because taking it back stays possible.
-    fn can_be_taken_back(&self, change: f64) -> bool {
-        let (mut rate, mut before, mut change) = (self.rate, self.rate_change, change);
-        let mut at = self.fraction;
+    /// What an axis has at most of what it may have, if rate' becomes `change` now and is taken back from the next cycle on: the differences
+    /// of the places that will be commanded. Where that was 1 or less it stays so, because taking it back stays possible. Not looked at
+    /// farther than to the first load above `most`.
+    fn load(&self, mut change: f64, most: f64) -> f64 {
+        let (mut rate, mut at, mut trail) = (self.rate, self.fraction, self.trail);
         let mut here = &self.here;
-        let mut path = (0..self.ahead()).map_while(|index| match self.queue.get(index) {
-            Some(command) if needs_rest(command) => None,
-            other => other,
-        });
-        let mut set_points = path.by_ref().filter_map(|command| match command {
-            Command::SetPoint(s) => Some(s),
-            _ => None,
-        });
+        let mut set_points = (0..self.ahead())
+            .map_while(|index| self.queue.get(index).filter(|command| !needs_rest(command)))
+            .filter_map(|command| match command {
+                Command::SetPoint(s) => Some(s),
+                _ => None,
+            });
+        let (mut worst, mut behind) = (0.0f64, 0);
         let Some(mut next) = set_points.next() else {
-            return true;
+            return worst;
         };
-        loop {
-            let middle = rate + change * TICK.0 / 2.0;
-            let after = rate + change * TICK.0;
-            // The rate ends at 0 and at 1, whatever it changes by.
-            let ends = change != 0.0 && !(0.0..=1.0).contains(&after);
-            let jerk_of_rate = (change - before) / TICK.0;
-            let mut jerk = 1.0 / (TICK.0 * TICK.0);
-            for (k, axis) in self.parameters.axes.iter().enumerate() {
-                let (a_max, j_max) = (axis.a_max.0 * OVER, axis.j_max.0 * OVER);
-                let (v, a) = (here.velocity[k], here.acceleration[k]);
-                let own = (next.acceleration[k] - a) / TICK.0;
-                // A plan without a limit of jerk is not to blame on the rate.
-                let own = if own.abs() > j_max {
-                    0.0
-                } else {
-                    own * middle * middle * middle
-                };
-                let bend = 3.0 * a * middle * change;
-                if (a * middle * middle + v * change).abs() > a_max || (own + bend + v * jerk_of_rate).abs() > j_max {
-                    return false;
-                }
-                if ends && (v * change / TICK.0).abs() > j_max * JERK_SHARE {
-                    return false;
-                }
-                if v.abs() > 1e-9 {
-                    jerk = jerk.min(JERK_SHARE * axis.j_max.0 / v.abs());
-                }
-            }
-            if change == 0.0 || ends {
-                return true;
-            }
-            at += middle;
+        while worst <= most && behind <= BEHIND {
+            let after = (rate + change * TICK.0).clamp(0.0, self.highest_rate.max(self.rate));
+            at += (rate + after) / 2.0;
             while at >= 1.0 {
                 at -= 1.0;
                 here = next;
+                // Behind a rest any rate is as good as another.
                 next = match set_points.next() {
-                    Some(s) => s,
-                    None => return true,
+                    Some(s) if !is_rest(here) => s,
+                    _ => return worst,
                 };
             }
+            let planned = between(here, next, at);
+            let mut jerk = 1.0 / (TICK.0 * TICK.0);
+            for (k, axis) in self.parameters.axes.iter().enumerate() {
+                let [p1, p2, p3] = trail.map(|place| place[k]);
+                let p = planned.position[k];
+                let a = (p - 2.0 * p1 + p2) / (TICK.0 * TICK.0);
+                let j = (p - 3.0 * p1 + 3.0 * p2 - p3) / (TICK.0 * TICK.0 * TICK.0);
+                worst = worst
+                    .max(a.abs() / (axis.a_max.0 * MOST_ACCELERATION))
+                    .max(j.abs() / (axis.j_max.0 * MOST_JERK));
+                let v = planned.velocity[k].abs();
+                if v > 1e-9 {
+                    jerk = jerk.min(JERK_SHARE * axis.j_max.0 / v);
+                }
+            }
+            trail = [planned.position, trail[0], trail[1]];
+            // The rate ends at 0 and at its highest, whatever it changes by.
+            let ends = after == 0.0 || after == self.highest_rate;
             rate = after;
-            before = change;
-            change = taken_back(change, jerk);
+            change = if ends { 0.0 } else { taken_back(change, jerk) };
+            behind += u32::from(change == 0.0);
         }
+        worst
     }
 
     /// The largest acceleration of an axis in the plan from here on for a little while, mm/s^2.
@@ -186,7 +232,7 @@ impl Controller {
     }
 
     /// Queued commands that may be executed.
-    fn ahead(&self) -> usize {
+    pub(super) fn ahead(&self) -> usize {
         self.barrier.map_or(self.queue.len(), |(index, _)| index)
     }
 

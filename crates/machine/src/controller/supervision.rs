@@ -75,6 +75,7 @@ impl Controller {
         self.fraction = 0.0;
         (self.rate, self.rate_change) = (1.0, 0.0);
         self.astray = false;
+        self.thread = Thread::default();
         (self.hand.acceleration, self.hand.moving) = ([0.0; 3], false);
     }
 
@@ -168,7 +169,7 @@ impl Controller {
             spindle: if spindle_stands {
                 SpindleCommand::Stop
             } else {
-                self.spindle_order()
+                self.turning_order().unwrap_or_else(|| self.spindle_order())
             },
             coolant: if stopped || self.spindle_rests {
                 CoolantOutlets::default()

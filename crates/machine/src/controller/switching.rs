@@ -103,15 +103,30 @@ impl Controller {
 
     /// True at rest before a thread as long as the spindle is not at the speed that the thread was planned for: its override does not act.
     pub(super) fn waits_for_thread(&mut self, cycles: u64, feedback: &Feedback) -> bool {
-        let at_rest = self.standing && self.fraction == 0.0 && is_rest(&self.here);
-        let next_is_locked = self.next_set_point().is_some_and(SetPoint::is_locked);
-        if !at_rest || !next_is_locked || self.state != State::Running || self.spindle_is_there(feedback.spindle_speed) {
+        let at_rest = self.fraction == 0.0 && is_rest(&self.here);
+        let next = self.next_set_point().filter(|next| next.is_locked());
+        let Some(tie) = next.map(|next| next.tie).filter(|_| at_rest && self.state == State::Running) else {
             self.thread_waits = 0;
+            return false;
+        };
+        if core::mem::take(&mut self.thread.has_begun) {
+            return false;
+        }
+        let is_there = self.spindle_is_there(feedback.spindle_speed);
+        if tie.is_some() && self.thread_waits == 0 {
+            self.angle.acknowledge();
+        }
+        if is_there && tie.is_none_or(|tie| self.meets_the_mark(tie)) {
+            (self.thread_waits, self.standing, self.thread.has_begun) = (0, true, true);
             return false;
         }
         self.thread_waits += cycles;
         if self.thread_waits > seconds_in_cycles(self.parameters.spindle.time_out.0) {
-            self.happen(Event::Fault(FaultCause::Spindle));
+            self.happen(if is_there {
+                Event::Stop(StopCause::Starved)
+            } else {
+                Event::Fault(FaultCause::Spindle)
+            });
         }
         true
     }
@@ -216,7 +231,7 @@ impl Controller {
     /// True on a thread, and at rest before one: the spindle override does not act.
     pub(super) fn is_threading(&self) -> bool {
         let next_is_locked = self.next_set_point().is_some_and(SetPoint::is_locked);
-        next_is_locked || (self.here.is_locked() && !is_rest(&self.here))
+        self.thread.turn.is_some() || next_is_locked || (self.here.is_locked() && !is_rest(&self.here))
     }
 
     /// A spindle command within what the spindle can do; a faster one is counted.

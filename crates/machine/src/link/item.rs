@@ -11,7 +11,7 @@ use crate::state::{FaultCause, HomingStage, State, StopCause, Wait};
 use crate::watch::{
     AlarmOrder, BadCondition, Firing, Frequency, LoadError, Operation, Reaction, Relation, ResetBy, WatchCost, WatchOrder,
 };
-use crate::{Command, CoolantOutlets, SetPoint, SpindleCommand};
+use crate::{Command, CoolantOutlets, SetPoint, SpindleCommand, Tie};
 
 wire_struct!(SetPoint {
     position,
@@ -22,6 +22,12 @@ wire_struct!(SetPoint {
     path_speed,
     rapid,
     planned_override,
+    tie,
+});
+wire_struct!(Tie {
+    lead,
+    revolutions,
+    start,
 });
 wire_enum!(Command {
     1 = SetPoint(set_point),
@@ -42,6 +48,8 @@ wire_enum!(WatchOrder {
     3 = Alarm(order),
     4 = OperationBegins,
     5 = OperationEnds,
+    6 = TakeUp { watch, fired },
+    7 = OperationUnderWay,
 });
 wire_enum!(AlarmOrder {
     1 = Set { alarm, reaction, reset_by },
@@ -164,6 +172,8 @@ wire_struct!(Sample {
     spindle_speed,
     spindle_load,
     overrides,
+    spindle_angle,
+    thread_error,
 });
 wire_enum!(Phase {
     0 = Ready,
@@ -224,6 +234,7 @@ wire_enum!(StopCause {
     4 = SwitchInMotion,
     5 = Late,
     6 = OffPath,
+    7 = ThreadTooShort,
 });
 wire_enum!(FaultCause {
     0 = FollowingError { axis },
@@ -231,6 +242,9 @@ wire_enum!(FaultCause {
     2 = Spindle,
     3 = Drive,
     4 = Homing { axis },
+    5 = SpindleIndex,
+    6 = SpindleAngle,
+    7 = SpindleLost,
 });
 wire_struct!(Counters {
     accepted,

@@ -97,6 +97,14 @@ pub enum AlarmOrder {
 pub enum WatchOrder {
     /// Start the watch with this number.
     Start(u16),
+    /// Take up a watch that ran before a reset or before the controller was started again. One that runs still runs on; another one goes
+    /// on with what it knew of itself. A machine that knows nothing of it is told whether it had fired.
+    TakeUp {
+        /// Its number.
+        watch: u16,
+        /// It had fired, as far as anybody heard.
+        fired: bool,
+    },
     /// Stop it.
     Stop(u16),
     /// Do something to an alarm.
@@ -105,6 +113,8 @@ pub enum WatchOrder {
     OperationBegins,
     /// It ends.
     OperationEnds,
+    /// One is under way: it begins here on a machine that does not know since when.
+    OperationUnderWay,
 }
 
 /// A watch as it is loaded.
@@ -204,6 +214,10 @@ struct Slot {
     runs: bool,
     /// From, When: the condition was true once. Every: it was true in the cycle before.
     latch: bool,
+    /// It was started since it was loaded: `latch` is its own.
+    started: bool,
+    /// Every: it was true before, nobody knows until when. The next cycle that can be decided says what it is, and fires nothing.
+    settling: bool,
     unknown: bool,
     /// Where it goes when the program before it is forgotten.
     place: u16,
@@ -217,6 +231,8 @@ const EMPTY: Slot = Slot {
     all_modes: false,
     runs: false,
     latch: false,
+    started: false,
+    settling: false,
     unknown: false,
     place: 0,
     alarms: [None; ALARMS_OF_A_WATCH],
@@ -446,12 +462,13 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
     pub fn obey(&mut self, order: WatchOrder) -> Reaction {
         match order {
             WatchOrder::Start(number) => self.start(number),
+            WatchOrder::TakeUp { watch, fired } => self.take_up(watch, fired),
             WatchOrder::Stop(number) => self.stop(number),
             WatchOrder::Alarm(order) => {
                 let reaction = self.alarms.obey(order);
                 return self.react(reaction);
             }
-            WatchOrder::OperationBegins => {}
+            WatchOrder::OperationBegins | WatchOrder::OperationUnderWay => {}
             WatchOrder::OperationEnds => return self.operation_ends(),
         }
         Reaction::None
@@ -497,6 +514,10 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
             let holds = truth == 1.0;
             let before = slot.latch;
             let edge = slot.frequency == Frequency::EveryEdge;
+            if core::mem::replace(&mut slot.settling, false) && edge {
+                slot.latch = holds;
+                continue;
+            }
             slot.latch = holds || (before && !edge);
             if holds && !(edge && before) {
                 let reaction = self.fire(now, number);
@@ -575,7 +596,32 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
             return;
         }
         let slot = &mut self.slots[at];
-        (slot.runs, slot.latch, slot.unknown) = (true, false, false);
+        (slot.latch, slot.settling, slot.unknown) = (false, false, false);
+        self.run(at);
+    }
+
+    fn take_up(&mut self, number: u16, fired: bool) {
+        let at = self.base + usize::from(number);
+        if at >= self.loaded {
+            self.counters.refused_orders += 1;
+            return;
+        }
+        let slot = &mut self.slots[at];
+        if slot.runs {
+            return;
+        }
+        match slot.frequency {
+            // What has fired stays so, whoever knows it.
+            Frequency::WhenOnce | Frequency::FromFirst => slot.latch |= fired,
+            Frequency::EveryEdge if !slot.started => slot.settling = fired,
+            Frequency::EveryEdge | Frequency::NoKeyword | Frequency::Whenever => {}
+        }
+        self.run(at);
+    }
+
+    fn run(&mut self, at: usize) {
+        let slot = &mut self.slots[at];
+        (slot.runs, slot.started) = (true, true);
         self.running[self.runs] = at as u16;
         self.runs += 1;
     }

@@ -168,6 +168,8 @@ pub const SIGNALS: &[Signal] = &[
     derived("Z.WATTAGE", "WATT", |c| power(c, 2)),
     measured("PATH.PATH_FEEDRATE.COMMANDED", "MILLIMETER/SECOND", |c| c.now.path_speed),
     derived("PATH.PATH_FEEDRATE.ACTUAL", "MILLIMETER/SECOND", |c| length(c.now.velocity)),
+    derived("PATH.FOLLOWING_ERROR_LINEAR", "MILLIMETER", |c| c.now.thread_error),
+    measured("S1.ANGLE.ACTUAL", "DEGREE", |c| c.now.spindle_angle),
     measured("S1.ROTARY_VELOCITY.ACTUAL", "REVOLUTION/MINUTE", |c| c.now.spindle_speed),
     measured("S1.LOAD", "PERCENT", |c| c.now.spindle_load),
     derived("S1.ANGULAR_ACCELERATION", "RADIAN/SECOND^2", |c| {
@@ -271,6 +273,11 @@ impl Readings {
     /// An operation begins, or is over, in the coming cycle.
     pub fn operation(&mut self, now: Tick, begins: bool) {
         self.operation_began = begins.then_some(now);
+    }
+
+    /// An operation is under way: it begins in the coming cycle if nobody knows since when.
+    pub fn operation_under_way(&mut self, now: Tick) {
+        self.operation_began.get_or_insert(now);
     }
 
     /// Works out the signals of a cycle.

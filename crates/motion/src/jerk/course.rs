@@ -36,6 +36,23 @@ const HAIR: f64 = 1e-7;
 const FINER: f64 = 0.75;
 const NEARER: f64 = 0.96;
 
+/// How a span goes on from the one before it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Onset {
+    /// A move begins.
+    Move,
+    /// Inside a spline, where direction and curvature go on.
+    Smooth,
+    /// Inside a spline, where they may step.
+    Inside,
+}
+
+/// How far what is added inside a spline may leave it, mm: splines are kept, whatever the tolerance.
+const INSIDE: f64 = 0.0009;
+
+/// Length of the step of the tangent from which on a place inside a spline is a corner, for which the tolerance is.
+const KINK: f64 = 1e-3;
+
 /// Where a span begins: what steps there.
 #[derive(Clone, Copy, Debug)]
 struct Joint {
@@ -44,6 +61,10 @@ struct Joint {
     bend: V3,
     sizes: [f64; 2],
     half: f64,
+    /// Something steps inside a spline.
+    inside: bool,
+    /// Nothing steps, inside a spline.
+    is_smooth: bool,
 }
 
 /// Turns from here on (the length of the step of the tangent; 29 degrees) are corners: the machine all but stops in them.
@@ -126,24 +147,33 @@ pub(super) struct Course {
 }
 
 impl Course {
-    /// Adds a move; lines and arcs only.
-    pub(super) fn push(&mut self, piece: &Piece) {
+    /// Adds a move: a line, an arc or a part of a spline.
+    pub(super) fn push(&mut self, piece: &Piece, onset: Onset) {
         let length = piece.length;
         let span = Span::of(piece, self.length);
         let (turn, bend) = match self.spans.back() {
             None => ([0.0; 3], [0.0; 3]),
+            Some(_) if onset == Onset::Smooth => ([0.0; 3], [0.0; 3]),
             Some(last) => {
                 let [_, a1, a2, _] = last.at(last.length);
                 let [_, b1, b2, _] = span.at(0.0);
                 (minus(b1, a1), minus(b2, a2))
             }
         };
+        let sizes = [turn, bend].map(super::vector::length);
+        // Also the arcs of a spline that was cut at a knot.
+        let of_one = self
+            .spans
+            .back()
+            .is_some_and(|last| last.step == span.step && last.is_curve() && span.is_curve());
         self.joints.push_back(Joint {
             s: self.length,
             turn,
             bend,
-            sizes: [super::vector::length(turn), super::vector::length(bend)],
+            sizes,
             half: 0.0,
+            inside: (onset == Onset::Inside || of_one) && onset != Onset::Smooth && sizes[0] < KINK,
+            is_smooth: onset == Onset::Smooth,
         });
         self.length += length;
         self.loosest = self.loosest.max(span.tolerance);
@@ -199,8 +229,8 @@ impl Course {
                 ];
                 let places = places.into_iter().take(if aside > 0.0 { 4 } else { 2 });
                 for (place, tolerance) in places {
-                    let off = length(self.off(k, place, &reach));
-                    if off > tolerance {
+                    let [all, inside] = self.off(k, place, &reach).map(length);
+                    if all > tolerance || inside > INSIDE {
                         fits = false;
                         let (low, high) = (k.saturating_sub(REACH).max(first), (k + REACH + 1).min(count));
                         let shrink = if round < 20 { 0.8 } else { 0.5 };
@@ -223,7 +253,8 @@ impl Course {
             count.saturating_sub(3 * REACH).max(far.saturating_sub(1)).max(first)
         };
         for (k, half) in reach.iter().enumerate().take(last).skip(first) {
-            self.joints[k].half = *half;
+            // Where nothing steps there is nothing to look at.
+            self.joints[k].half = if self.joints[k].is_smooth { 0.0 } else { *half };
             let s = self.joints[k].s;
             let aside = if self.joints[k].sizes[1] > 0.0 {
                 EASING_PLACE * half
@@ -231,7 +262,7 @@ impl Course {
                 0.0
             };
             for place in [s, s - aside, s + aside].into_iter().take(if aside > 0.0 { 3 } else { 1 }) {
-                self.deviation = self.deviation.max(length(self.off(k, place, &reach)));
+                self.deviation = self.deviation.max(length(self.off(k, place, &reach)[0]));
             }
         }
         self.settled = last.max(first);
@@ -253,7 +284,8 @@ impl Course {
         let joint = &self.joints[k];
         // Alone it may use all of it.
         let share = if joint.is_corner() { 0.995 } else { SHARE };
-        let tolerance = share * self.tolerance_at(k);
+        let within = self.tolerance_at(k);
+        let tolerance = share * if joint.inside { within.min(INSIDE) } else { within };
         let count = self.joints.len();
         let neighbour = |other: Option<&Joint>, else_to: f64| other.map_or((else_to - joint.s).abs(), |o| (o.s - joint.s).abs());
         let by_count = neighbour(k.checked_sub(REACH).and_then(|j| self.joints.get(j)), 0.0)
@@ -362,20 +394,22 @@ impl Course {
         within.0
     }
 
-    /// What the joints around span `k` add at `s`, with these reaches.
-    fn off(&self, k: usize, s: f64, reach: &[f64]) -> V3 {
+    /// What the joints around span `k` add at `s`, with these reaches; and what those inside splines do of it.
+    fn off(&self, k: usize, s: f64, reach: &[f64]) -> [V3; 2] {
         let (low, high) = (k.saturating_sub(REACH), (k + REACH + 1).min(self.joints.len()));
-        let mut off = [0.0; 3];
+        let (mut off, mut inside) = ([0.0; 3], [0.0; 3]);
         for (joint, half) in self.joints.range(low..high).zip(&reach[low..high]) {
             let d = s - joint.s;
             if d.abs() < *half {
-                add_scaled(&mut off, joint.turn, joint.rounding_value(d, *half));
+                let to = if joint.inside { &mut inside } else { &mut off };
+                add_scaled(to, joint.turn, joint.rounding_value(d, *half));
                 if joint.sizes[1] > 0.0 {
-                    add_scaled(&mut off, joint.bend, easing(d, *half)[0]);
+                    add_scaled(to, joint.bend, easing(d, *half)[0]);
                 }
             }
         }
-        off
+        add_scaled(&mut off, inside, 1.0);
+        [off, inside]
     }
 
     /// The span that `s` lies in, as an index into what is kept.
@@ -488,7 +522,7 @@ impl Course {
 
 /// True when two moves that follow each other can be passed without a rest.
 pub(super) fn is_passable(last: &Piece, next: &Piece) -> bool {
-    if last.corner == Corner::Stop || last.rapid != next.rapid {
+    if last.corner == Corner::Stop || last.rapid != next.rapid || !next.goes_on_from(last) {
         return false;
     }
     let tangents = [last.path.derivatives(1.0).0, next.path.derivatives(0.0).0];

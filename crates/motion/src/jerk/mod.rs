@@ -1,7 +1,7 @@
 //! The planner under a limit of jerk.
 //!
-//! 1. [`course`]: the programmed path becomes a curve with a continuous second and a bounded third derivative, within the tolerance. Corners
-//!    are rounded, steps of curvature eased, and dense chords become the curve they stand for, by the same means: [`kernel`].
+//! 1. [`course`]: the programmed path becomes a curve with a continuous second and a bounded third derivative, within the tolerance. Splines
+//!    become curves over their length ([`splines`]), corners are rounded, steps of curvature eased, and dense chords become the curve they stand for, by the same means: [`kernel`].
 //! 2. [`stretch`]: what the limits allow along that curve, a grid whose step follows the speed, and a receding window that is at rest at
 //!    its end.
 //! 3. [`solver`]: the fastest motion in the window.
@@ -13,13 +13,13 @@
     reason = "an index is a border of the grid or a joint, and speaks of several lists at once"
 )]
 
-mod chords;
 mod course;
 mod kernel;
 mod limits;
 mod matrix;
 mod solver;
 mod span;
+mod splines;
 mod stretch;
 mod vector;
 #[cfg(test)]
@@ -27,8 +27,8 @@ mod work;
 
 use crate::Limits;
 use crate::planner::Planned;
-use crate::smooth::{Corner, Piece};
-use course::is_passable;
+use crate::smooth::Piece;
+use course::{Onset, is_passable};
 use machine::SetPoint;
 use plan::Path;
 use std::collections::VecDeque;
@@ -90,20 +90,16 @@ impl JerkPlanner {
     /// The next move.
     pub(crate) fn push(&mut self, piece: Piece) {
         if let Path::Spline(_) = &piece.path {
-            let corner = match piece.corner {
-                Corner::Stop => Corner::Within(crate::smooth::EXACT_PATH_TOLERANCE),
-                within => within,
-            };
-            let (chords, off) = chords::of(&piece, corner);
+            let (parts, off) = splines::of(&piece);
             self.deviation = self.deviation.max(off);
-            chords.into_iter().for_each(|chord| self.push_one(chord));
+            parts.into_iter().for_each(|part| self.push_one(part.piece, part.onset));
         } else {
-            self.push_one(piece);
+            self.push_one(piece, Onset::Move);
         }
     }
 
-    fn push_one(&mut self, piece: Piece) {
-        let passable = self.last.as_ref().is_some_and(|last| is_passable(last, &piece));
+    fn push_one(&mut self, piece: Piece, onset: Onset) {
+        let passable = onset == Onset::Smooth || self.last.as_ref().is_some_and(|last| is_passable(last, &piece));
         if !passable {
             self.finish();
             self.legs.push_back(Leg {
@@ -114,7 +110,7 @@ impl JerkPlanner {
             });
         }
         let leg = self.legs.back_mut().expect("one is open");
-        leg.stretch.push(&piece);
+        leg.stretch.push(&piece, onset);
         leg.end = piece.path.end().xyz;
         leg.last_step = piece.step;
         self.last = Some(piece);

@@ -1,4 +1,5 @@
-//! A move of the programmed path as the smooth curve needs it: a line or an arc over its length, and its feed.
+//! A move of the programmed path as the smooth curve needs it: a line, an arc or a part of a spline over its length,
+//! and its feed.
 
 use super::vector::{V3, add_scaled, minus, scaled};
 use crate::smooth::{Piece, SLOWEST_SHARE};
@@ -42,10 +43,19 @@ enum Shape {
         turn: f64,
         rise: f64,
     },
+    /// Part of a spline: a polynomial of the share of the length, from `from` on.
+    Curve {
+        from: V3,
+        terms: [V3; 5],
+        over: f64,
+    },
 }
 
+/// Share of a part of a spline after which limits are looked at again.
+const CURVE_DETAIL: f64 = 0.25;
+
 impl Span {
-    /// The span of a line or an arc that begins at `start`.
+    /// The span of a line, an arc or a part of a spline that begins at `start`.
     pub(super) fn of(piece: &Piece, start: f64) -> Span {
         let length = piece.length;
         let shape = match &piece.path {
@@ -58,6 +68,27 @@ impl Span {
                     normal: arc.normal.xyz,
                     turn: arc.sweep.0 / length,
                     rise: arc.rise / length,
+                }
+            }
+            // What [`super::splines`] makes.
+            Path::Spline(spline) if spline.degree == 5 && spline.poles.len() == 6 => {
+                let from = spline.poles[0].xyz;
+                let p: [V3; 6] = std::array::from_fn(|k| minus(spline.poles[k].xyz, from));
+                let sum = |weights: &[f64]| {
+                    let mut sum = [0.0; 3];
+                    p[1..].iter().zip(weights).for_each(|(p, w)| add_scaled(&mut sum, *p, *w));
+                    sum
+                };
+                Shape::Curve {
+                    from,
+                    terms: [
+                        sum(&[5.0]),
+                        sum(&[-20.0, 10.0]),
+                        sum(&[30.0, -30.0, 10.0]),
+                        sum(&[-20.0, 30.0, -20.0, 5.0]),
+                        sum(&[5.0, -10.0, 10.0, -5.0, 1.0]),
+                    ],
+                    over: 1.0 / length,
                 }
             }
             path => {
@@ -74,7 +105,7 @@ impl Span {
             shape,
             feed: piece.feed,
             factors: piece.feed_factors.clone(),
-            locked: piece.locked || piece.rapid,
+            locked: piece.tie.is_some() || piece.rapid,
             tolerance: piece.corner.tolerance(),
             step: piece.step,
         }
@@ -109,12 +140,37 @@ impl Span {
                     round(w2 * w * sin, -w2 * w * cos, 0.0),
                 ]
             }
+            Shape::Curve { from, terms, over } => {
+                let w = x * over;
+                let (over2, over3) = (over * over, over * over * over);
+                let [a, b, c, d, e] = terms;
+                let each = |of: &dyn Fn(usize) -> f64| -> V3 { std::array::from_fn(of) };
+                [
+                    each(&|k| from[k] + w * (a[k] + w * (b[k] + w * (c[k] + w * (d[k] + w * e[k]))))),
+                    each(&|k| over * (a[k] + w * (2.0 * b[k] + w * (3.0 * c[k] + w * (4.0 * d[k] + w * 5.0 * e[k]))))),
+                    each(&|k| over2 * (2.0 * b[k] + w * (6.0 * c[k] + w * (12.0 * d[k] + w * 20.0 * e[k])))),
+                    each(&|k| over3 * (6.0 * c[k] + w * (24.0 * d[k] + w * 60.0 * e[k]))),
+                ]
+            }
         }
     }
 
     /// True for a line.
     pub(super) fn is_line(&self) -> bool {
         matches!(self.shape, Shape::Line { .. })
+    }
+
+    /// True for a part of a spline.
+    pub(super) fn is_curve(&self) -> bool {
+        matches!(self.shape, Shape::Curve { .. })
+    }
+
+    /// How far the bend may be looked at ahead, mm: along a line or an arc it does not change.
+    pub(super) fn detail(&self) -> f64 {
+        match self.shape {
+            Shape::Curve { .. } => CURVE_DETAIL * self.length,
+            Shape::Line { .. } | Shape::Round { .. } => f64::INFINITY,
+        }
     }
 
     /// Lowest feed between two lengths from its start, mm/s; `scale` is the multiplier of feeds.

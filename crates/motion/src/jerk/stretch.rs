@@ -11,7 +11,7 @@ mod phase;
 mod sights;
 mod window;
 
-use super::course::Course;
+use super::course::{Course, Onset};
 use super::limits::{Border, Interval};
 use super::solver::Search;
 use super::span::Place;
@@ -124,8 +124,8 @@ impl Stretch {
     }
 
     /// Adds a move.
-    pub(super) fn push(&mut self, piece: &Piece) {
-        self.course.push(piece);
+    pub(super) fn push(&mut self, piece: &Piece, onset: Onset) {
+        self.course.push(piece, onset);
         let top = piece.feed_factors.iter().map(|f| f.1).reduce(f64::max).unwrap_or(1.0);
         self.fastest = self.fastest.max(piece.feed * top);
     }

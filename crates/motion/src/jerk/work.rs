@@ -29,7 +29,7 @@ fn line(from: [f64; 3], to: [f64; 3], feed: f64, corner: Corner) -> Piece {
         feed,
         feed_factors: vec![],
         rapid: false,
-        locked: false,
+        tie: None,
         step: StepId(1),
         corner,
     }

@@ -1,11 +1,10 @@
 //! Haas NGC, mills and lathes: Fanuc's language with its own smoothness (G187), work offsets (G154 P) and sensor variables.
 
-use super::fanuc;
+use crate::alike;
 use crate::control::Control;
-use crate::functions::{Item, Reading, Source};
+use crate::functions::{Item, NO_SOURCE, OWN_SENSOR, Reading};
 use crate::grade::Verdict;
-use crate::iso;
-use crate::macro_b;
+use crate::macro_b::{self, statements};
 use crate::sheet::{Paper, Refusal, Sheet};
 use crate::statement::Statement;
 use plan::{Expression, PathMode};
@@ -30,31 +29,15 @@ impl Control for Haas {
         Paper {
             line_end: "\r\n",
             most_labels: 99_999,
-            ..fanuc::PAPER
+            ..statements::PAPER
         }
     }
 
     fn write(&self, statement: &Statement<'_>, sheet: &mut Sheet<'_>) -> Result<(), Refusal> {
         match statement {
             Statement::Begin(head) => {
-                if !(1..=99_999).contains(&head.number) {
-                    return Err(Refusal::new(
-                        "program-number",
-                        format!("O{} is no program number of five digits", head.number),
-                        "give --number 1 to 99999",
-                    ));
-                }
-                sheet.line("%");
-                let name = sheet.short(&head.name, 24);
-                sheet.line(&format!("O{:05} ({name})", head.number));
-                head.text.iter().for_each(|line| sheet.comment(line));
-                sheet.line(if sheet.turning {
-                    "G18 G21 G40 G97"
-                } else {
-                    "G17 G21 G40 G49 G80 G90 G94"
-                });
-                sheet.modal.plane = Some(if sheet.turning { "G18" } else { "G17" });
-                sheet.modal.feed_mode = (!sheet.turning).then_some("G94");
+                statements::begin(head, 5, " ", sheet)?;
+                statements::rely_on(sheet);
                 Ok(())
             }
             Statement::End => {
@@ -96,11 +79,7 @@ impl Control for Haas {
             Statement::Work(number) => {
                 let name = self.work_name(*number);
                 if *number > 105 {
-                    return Err(Refusal::new(
-                        "work-offset",
-                        format!("work offset {name} is beyond G154 P99"),
-                        "use fewer set-ups in one program",
-                    ));
+                    return Err(alike::no_work_offset(format!("work offset {name} is beyond G154 P99")));
                 }
                 sheet.line(&name);
                 Ok(())
@@ -125,23 +104,14 @@ impl Control for Haas {
                 speed,
                 ..
             } => {
-                let turns = iso::speed(*speed, sheet)?;
-                let feed = sheet.number(*pitch, self.paper().feeds[1])?;
-                let lengths = self.paper().lengths;
-                let code = if *left { "G74" } else { "G84" };
-                let level = if sheet.turning { "" } else { "G99 " };
-                let per_revolution = fanuc::codes(sheet).per_revolution;
-                sheet.line(&format!(
-                    "{per_revolution} {level}{code} Z{} R{} F{feed} S{turns}",
-                    lengths.spell(*bottom),
-                    lengths.spell(*back)
-                ));
+                let words = statements::tap(*bottom, *back, *pitch, *left, *speed, sheet)?;
+                sheet.line(&format!("{} S{}", words.cycle, words.turns));
                 sheet.line("G80");
                 sheet.verify("tapping by G84 with a feed per revolution");
                 sheet.modal.forget();
                 Ok(())
             }
-            other => fanuc::write_shared(other, self, sheet),
+            other => statements::write(other, self, sheet),
         }
     }
 
@@ -154,9 +124,6 @@ impl Control for Haas {
     fn variable(&self, number: u32) -> Result<String, Refusal> {
         macro_b::variable(number)
     }
-    fn assignment(&self, variable: &str, value: &str) -> String {
-        format!("{variable}={value}")
-    }
     fn expression(&self, expression: &Expression, sheet: &mut Sheet<'_>) -> Result<(String, bool), Refusal> {
         macro_b::value(expression, self, sheet)
     }
@@ -168,35 +135,29 @@ impl Control for Haas {
         if let Some(position) = macro_b::position(stream, turning) {
             return Reading::Value(position);
         }
-        let verified = |text: String| {
-            Reading::Value(Source {
-                verified: true,
-                ..Source::of(text)
-            })
-        };
         let (component, kind) = stream.split_once('.').unwrap_or((stream, ""));
-        let axis = ["X", "Y", "Z"].iter().position(|axis| *axis == component);
+        let axis = alike::linear(component);
         match (kind, axis) {
-            ("", _) if stream == "trace:tool" => Reading::Value(Source::of("#3026")),
+            ("", _) if stream == "trace:tool" => Reading::unsure("#3026"),
             ("POSITION.ACTUAL", Some(axis)) => {
                 let index = if turning && axis == 2 { 1 } else { axis };
-                Reading::Value(Source::of(format!("#{}", 5041 + index)))
+                Reading::unsure(format!("#{}", 5041 + index))
             }
-            ("LOAD", Some(axis)) => verified(format!("#{}", 1064 + axis)),
-            ("LOAD", None) if component == "S1" => verified("#1098".to_owned()),
+            ("LOAD", Some(axis)) => Reading::known(format!("#{}", 1064 + axis)),
+            ("LOAD", None) if component == "S1" => Reading::known("#1098"),
             // Which of the filtered analog values is which motor is the machine's.
-            (kind, Some(axis)) if kind.starts_with("AMPERAGE") => Reading::Value(Source::of(format!("#{}", 1090 + axis))),
-            ("LINEAR_FORCE", Some(axis)) => Reading::Value(Source::of(format!("#{}", 1080 + axis))),
-            ("PRESSURE", None) => Reading::Value(Source::of("#1083")),
-            ("FILL_LEVEL", None) => Reading::Value(Source::of("#1084")),
-            ("TEMPERATURE", None) if component == "COOLANT" => Reading::Value(Source::of("#1085")),
-            ("FLOW", None) => Reading::Value(Source::of("#1086")),
+            (kind, Some(axis)) if kind.starts_with("AMPERAGE") => Reading::unsure(format!("#{}", 1090 + axis)),
+            ("LINEAR_FORCE", Some(axis)) => Reading::unsure(format!("#{}", 1080 + axis)),
+            ("PRESSURE", None) => Reading::unsure("#1083"),
+            ("FILL_LEVEL", None) => Reading::unsure("#1084"),
+            ("TEMPERATURE", None) if component == "COOLANT" => Reading::unsure("#1085"),
+            ("FLOW", None) => Reading::unsure("#1086"),
             ("ACCELERATION", None) if component == "TOOL" => Reading::Outside(
                 "#1801 to #2000 hold the largest vibration of each tool, not the present one: an external sensor",
             ),
-            ("ACCELERATION" | "SOUND_LEVEL" | "TEMPERATURE", None) => Reading::Outside("a sensor of its own beside the control"),
-            ("DISPLACEMENT", None) => Reading::Value(Source::of("#[2200+#3026]")),
-            _ => Reading::Nothing("no source for it is known on this control"),
+            ("ACCELERATION" | "SOUND_LEVEL" | "TEMPERATURE", None) => OWN_SENSOR,
+            ("DISPLACEMENT", None) => Reading::unsure("#[2200+#3026]"),
+            _ => NO_SOURCE,
         }
     }
 
@@ -210,14 +171,14 @@ impl Control for Haas {
     fn tool_data(&self, tool: Option<u32>) -> Option<Vec<(&'static str, Reading)>> {
         let index = tool.map_or("#3026".to_owned(), |number| number.to_string());
         Some(vec![
-            ("NUMBER", Reading::Value(Source::of(index.clone()))),
-            ("LENGTH", Reading::Value(Source::of(format!("#[2000+{index}]")))),
+            ("NUMBER", Reading::unsure(index.clone())),
+            ("LENGTH", Reading::unsure(format!("#[2000+{index}]"))),
             (
                 "WEAR",
-                Reading::Value(Source {
-                    verified: tool.is_some(),
-                    ..Source::of(format!("#[2200+{index}]"))
-                }),
+                match tool {
+                    Some(_) => Reading::known(format!("#[2200+{index}]")),
+                    None => Reading::unsure(format!("#[2200+{index}]")),
+                },
             ),
         ])
     }
@@ -225,9 +186,6 @@ impl Control for Haas {
         BESIDE
     }
     fn polls(&self) -> bool {
-        true
-    }
-    fn checks(&self) -> bool {
         true
     }
 

@@ -3,9 +3,10 @@
 //! A tool's length is in force with its call and cannot be switched off; helices are said by their angle; branches are comparisons that
 //! jump (FN 9 to FN 12).
 
+use crate::alike::{self, Turn};
 use crate::condition::{Comparison, Jumps, Style, spell};
 use crate::control::Control;
-use crate::functions::{Item, Reading, Source};
+use crate::functions::{Item, NO_SOURCE, OWN_SENSOR, Reading, Source};
 use crate::grade::Verdict;
 use crate::iso;
 use crate::letters::Letters;
@@ -14,7 +15,7 @@ use crate::number::{Decimals, scale};
 use crate::sheet::{Paper, Refusal, Sheet};
 use crate::statement::{Arc, Line, Pace, Statement};
 use plan::expression::Operator;
-use plan::{Expression, PathMode, SpindleMode, StopKind};
+use plan::{Expression, PathMode, StopKind};
 use trace::functions::Reaction;
 use trace::{Call, Function};
 
@@ -29,17 +30,9 @@ const READ: u32 = 1410;
 const SCRATCH: u32 = 1490;
 const TEXT: u32 = 1800;
 
-const LENGTHS: Decimals = Decimals {
-    places: 4,
-    point: false,
-    plus: true,
-};
+const LENGTHS: Decimals = Decimals::signed(4);
 
-const NUMBERS: Decimals = Decimals {
-    places: 6,
-    point: false,
-    plus: true,
-};
+const NUMBERS: Decimals = Decimals::signed(6);
 
 static STYLE: Style = Style {
     operators: &[
@@ -115,15 +108,10 @@ impl Control for Heidenhain {
         &[2]
     }
     fn paper(&self) -> Paper {
-        let plain = |places| Decimals {
-            places,
-            point: false,
-            plus: false,
-        };
         Paper {
             lengths: LENGTHS,
-            feeds: [plain(3), plain(4)],
-            speeds: plain(3),
+            feeds: [Decimals::plain(3), Decimals::plain(4)],
+            speeds: Decimals::plain(3),
             largest: 99_999.999_9,
             line_end: "\r\n",
             longest: 240,
@@ -197,12 +185,7 @@ impl Control for Heidenhain {
                 sheet.verify("CYCL DEF 207 for rigid tapping");
             }
             Statement::Machine(to) => {
-                let mut words = vec!["L".to_owned()];
-                for (letter, to) in ["X", "Y", "Z"].iter().zip(to) {
-                    if let Some(to) = to {
-                        words.push(format!("{letter}{}", sheet.length(*to)?));
-                    }
-                }
+                let mut words = alike::machine_words("L", to, sheet)?;
                 words.push("R0 FMAX M91".to_owned());
                 sheet.words(&words);
             }
@@ -217,37 +200,22 @@ impl Control for Heidenhain {
             }
             Statement::Offset { number: 0, .. } => sheet.modal.length_on = false,
             Statement::Offset { number, negative } => {
-                if *negative || sheet.modal.tool.is_some_and(|tool| tool != *number && tool != 0) {
-                    return Err(Refusal::new(
-                        "tool-offset",
-                        format!(
-                            "offset {number} of tool {}: lengths belong to their tool here",
-                            sheet.modal.tool.unwrap_or(0)
-                        ),
-                        "let each tool use the offset of its own number",
-                    ));
-                }
+                alike::own_offset(*number, *negative, "lengths", sheet)?;
                 sheet.modal.length_on = true;
             }
-            Statement::Spindle(state) => {
-                let (word, mode) = iso::spindle(*state, "M19", sheet)?;
-                match mode {
-                    None => {
-                        if word == "M19" {
-                            sheet.verify("M19 for an oriented stop of the spindle");
-                        }
-                        sheet.line(&word);
+            Statement::Spindle(state) => match alike::turn(*state, "M19", sheet)? {
+                Turn::Word(word) => {
+                    if word == "M19" {
+                        sheet.verify("M19 for an oriented stop of the spindle");
                     }
-                    Some(SpindleMode::Revolutions(speed)) => {
-                        let speed = iso::speed(speed.0, sheet)?;
-                        sheet.line(&format!("TOOL CALL Z S{speed}"));
-                        sheet.line(&word);
-                    }
-                    Some(SpindleMode::Surface { .. }) => {
-                        return Err(Refusal::new("surface-speed", "a surface speed on a mill", "give revolutions"));
-                    }
+                    sheet.line(&word);
                 }
-            }
+                Turn::Revolutions { speed, word } => {
+                    sheet.line(&format!("TOOL CALL Z S{speed}"));
+                    sheet.line(&word);
+                }
+                Turn::Surface { .. } => return Err(alike::no_surface_speed()),
+            },
             Statement::Coolant { before, now } => {
                 if now.mist {
                     sheet.verify("mist is M7");
@@ -271,7 +239,7 @@ impl Control for Heidenhain {
                     sheet.line("CYCL DEF 32.0 TOLERANCE");
                     match tolerance {
                         Some(tolerance) => {
-                            let text = sheet.number(tolerance, Decimals { plus: false, ..NUMBERS })?;
+                            let text = sheet.number(tolerance, Decimals::plain(6))?;
                             sheet.line(&format!("CYCL DEF 32.1 T{text}"));
                         }
                         None => sheet.line("CYCL DEF 32.1"),
@@ -281,14 +249,7 @@ impl Control for Heidenhain {
                 sheet.modal.tolerance_on = tolerance.is_some();
             }
             Statement::Dwell(time) => {
-                let time = sheet.number(
-                    *time,
-                    Decimals {
-                        plus: false,
-                        places: 3,
-                        ..NUMBERS
-                    },
-                )?;
+                let time = sheet.number(*time, Decimals::plain(3))?;
                 sheet.line("CYCL DEF 9.0 DWELL TIME");
                 sheet.line(&format!("CYCL DEF 9.1 DWELL {time}"));
             }
@@ -301,10 +262,6 @@ impl Control for Heidenhain {
             Statement::Stop(StopKind::Optional) => sheet.line("M1"),
             Statement::Register(change) => {
                 let (name, after) = (change.register.name(), change.after);
-                let text = format!(
-                    "NOT POSTED: {name} = {}",
-                    after.map_or("vacant".to_owned(), |v| v.to_string())
-                );
                 if !matches!(change.register, plan::Register::Variable(_)) {
                     return Err(Refusal::new(
                         "register",
@@ -312,14 +269,11 @@ impl Control for Heidenhain {
                         "take the G10 out of the program and enter the value at the machine",
                     ));
                 }
-                sheet.notice("variables that the program leaves in the control (#500 and up) have no counterpart here");
-                sheet.comment(&text);
+                let value = after.map_or("vacant".to_owned(), |v| v.to_string());
+                alike::left_variable(&name, &value, sheet);
             }
             Statement::Assign { variable, value } => {
-                let number = sheet.variable(variable);
-                let name = self.variable(number)?;
-                let (text, verified) = self.expression(value, sheet)?;
-                macro_b::note_unverified(verified, sheet);
+                let (name, text) = alike::assigned(variable, value, self, sheet)?;
                 sheet.line(&format!("{name} = {text}"));
             }
             other => {
@@ -333,14 +287,7 @@ impl Control for Heidenhain {
         format!("DATUM {number}")
     }
     fn variable(&self, number: u32) -> Result<String, Refusal> {
-        if number >= TIMERS - FIRST {
-            return Err(Refusal::new(
-                "variables",
-                "the program has more than 200 variables",
-                "use fewer",
-            ));
-        }
-        Ok(format!("Q{}", FIRST + number))
+        Ok(format!("Q{}", FIRST + alike::among(number, TIMERS - FIRST, "use fewer")?))
     }
     fn assignment(&self, variable: &str, value: &str) -> String {
         format!("{variable} = {value}")
@@ -353,11 +300,10 @@ impl Control for Heidenhain {
     }
 
     fn reading(&self, stream: &str, _turning: bool) -> Reading {
-        let read = |place: u32, what: &str, verified: bool| {
+        let read = |place: u32, what: &str| {
             Reading::Value(Source {
                 before: vec![format!("FN 18: SYSREAD Q{place} = {what}")],
-                verified,
-                ..Source::of(format!("Q{place}"))
+                ..Source::of(format!("Q{place}")).verified()
             })
         };
         let since = |timer: u32| {
@@ -367,8 +313,7 @@ impl Control for Heidenhain {
                     format!("FN 18: SYSREAD Q{place} = ID320 NR1"),
                     format!("Q{place} = Q{place} - Q{}", TIMERS + timer),
                 ],
-                verified: true,
-                ..Source::of(format!("Q{place}"))
+                ..Source::of(format!("Q{place}")).verified()
             })
         };
         match stream {
@@ -376,20 +321,15 @@ impl Control for Heidenhain {
             "trace:op_time" => return since(1),
             "trace:prog_time" => return since(2),
             "trace:last_ws_time" => {
-                return Reading::Value(Source {
-                    verified: true,
-                    ..Source::of(format!("Q{LAST_TIME}"))
-                });
+                return Reading::known(format!("Q{LAST_TIME}"));
             }
-            "trace:tool" => return read(READ + 3, "ID20 NR1", true),
+            "trace:tool" => return read(READ + 3, "ID20 NR1"),
             _ => {}
         }
         let (component, kind) = stream.split_once('.').unwrap_or((stream, ""));
-        let axis = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"]
-            .iter()
-            .position(|axis| *axis == component);
+        let axis = alike::AXES.iter().position(|axis| *axis == component);
         match (kind, axis) {
-            ("POSITION.COMMANDED", Some(axis)) => read(READ + 4 + axis as u32, &format!("ID240 NR1 IDX{}", axis + 1), true),
+            ("POSITION.COMMANDED", Some(axis)) => read(READ + 4 + axis as u32, &format!("ID240 NR1 IDX{}", axis + 1)),
             ("POSITION.ACTUAL", Some(_)) => Reading::Outside("encoders' positions: DNC or OPC UA only"),
             ("PATH_FEEDRATE.ACTUAL", _) => Reading::Nothing("FN 18 tells the programmed feed and not the actual one"),
             ("ROTARY_VELOCITY.ACTUAL", _) => Reading::Nothing("FN 18 tells the programmed spindle speed and not the actual one"),
@@ -400,8 +340,8 @@ impl Control for Heidenhain {
             ("LINEAR_FORCE" | "PRESSURE" | "FILL_LEVEL" | "FLOW", _) => Reading::Outside("inputs of the PLC"),
             ("TEMPERATURE", _) if component == "COOLANT" => Reading::Outside("inputs of the PLC"),
             ("DISPLACEMENT", None) => Reading::Outside("the tool table is read by FN 18 ID50, of which no form is at hand"),
-            ("ACCELERATION" | "SOUND_LEVEL" | "TEMPERATURE", None) => Reading::Outside("a sensor of its own beside the control"),
-            _ => Reading::Nothing("no source for it is known on this control"),
+            ("ACCELERATION" | "SOUND_LEVEL" | "TEMPERATURE", None) => OWN_SENSOR,
+            _ => NO_SOURCE,
         }
     }
 
@@ -446,12 +386,6 @@ impl Control for Heidenhain {
     fn recorder(&self) -> &'static str {
         BESIDE
     }
-    fn polls(&self) -> bool {
-        false
-    }
-    fn checks(&self) -> bool {
-        true
-    }
 
     fn function(&self, function: &Function, sheet: &mut Sheet<'_>) -> Result<Option<Verdict>, Refusal> {
         Ok(match &function.call {
@@ -462,10 +396,7 @@ impl Control for Heidenhain {
                     let number = sheet.variable(name);
                     sheet.line(&format!("{} = Q{place} * +1000", self.variable(number)?));
                 }
-                let source = Source {
-                    verified: true,
-                    ..Source::of(format!("Q{place}"))
-                };
+                let source = Source::of(format!("Q{place}")).verified();
                 let label = label.clone().unwrap_or_default();
                 let items = [Item::Text(format!("TIME {label}")), Item::Value("SECONDS".to_owned(), source)];
                 self.log(&items, sheet)?;
@@ -541,17 +472,7 @@ impl Control for Heidenhain {
 
 /// A program's name: letters, digits, underscores and minus, at most 24.
 fn program_name(name: &str) -> String {
-    let out: String = name
-        .chars()
-        .map(|c| {
-            if c.is_ascii_alphanumeric() {
-                c.to_ascii_uppercase()
-            } else {
-                '_'
-            }
-        })
-        .take(24)
-        .collect();
+    let out = alike::file_letters(name);
     let out = out.trim_matches('_');
     if out.is_empty() {
         "TOOLMARK".to_owned()

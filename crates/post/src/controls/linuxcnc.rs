@@ -1,27 +1,24 @@
 //! LinuxCNC 2.8 and later, the language of `rs274`: structure by o-words, lines of a log by `(LOG,...)`, coordinates with six decimals.
 
+use crate::alike::{self, Turn};
 use crate::condition::{Style, spell, without_not};
 use crate::control::Control;
-use crate::functions::{Item, Reading, Source};
+use crate::functions::{Item, NO_SOURCE, Reading, Source};
 use crate::grade::Verdict;
-use crate::iso::{self, Codes};
+use crate::iso;
 use crate::letters::Letters;
 use crate::number::Decimals;
 use crate::sheet::{Paper, Refusal, Sheet, Way};
 use crate::statement::Statement;
 use plan::expression::Operator;
-use plan::{CoolantState, Expression, PathMode, Register, SpindleMode, StopKind};
+use plan::{CoolantState, Expression, PathMode, Register, StopKind};
 use trace::functions::Reaction;
 use trace::{Call, Function};
 
 /// The control.
 pub struct LinuxCnc;
 
-const NUMBERS: Decimals = Decimals {
-    places: 6,
-    point: false,
-    plus: false,
-};
+const NUMBERS: Decimals = Decimals::plain(6);
 
 static STYLE: Style = Style {
     operators: &[
@@ -46,11 +43,6 @@ static STYLE: Style = Style {
     realtime: false,
 };
 
-const CODES: Codes = Codes {
-    per_minute: "G94",
-    per_revolution: "G95",
-};
-
 const BESIDE: &str =
     "HAL beside the program: sampler for recordings (8 FIFOs of 21 pins), comp and and2 or classicladder for conditions";
 
@@ -68,7 +60,7 @@ impl Control for LinuxCnc {
         Paper {
             lengths: NUMBERS,
             feeds: [NUMBERS, NUMBERS],
-            speeds: Decimals { places: 3, ..NUMBERS },
+            speeds: Decimals::plain(3),
             largest: 999_999.0,
             line_end: "\n",
             // LINELEN is 255 with the end of the line.
@@ -89,8 +81,8 @@ impl Control for LinuxCnc {
     fn write(&self, statement: &Statement<'_>, sheet: &mut Sheet<'_>) -> Result<(), Refusal> {
         match statement {
             Statement::Begin(head) => {
-                comment(&head.name, sheet);
-                head.text.iter().for_each(|line| comment(line, sheet));
+                sheet.comment(&head.name);
+                head.text.iter().for_each(|line| sheet.comment(line));
                 if head.logs {
                     sheet.line("(LOGOPEN,toolmark.log)");
                 }
@@ -106,11 +98,12 @@ impl Control for LinuxCnc {
                 }
                 sheet.line("M2");
             }
-            Statement::Comment(text) => comment(text, sheet),
-            Statement::Section(name) => comment(name, sheet),
-            Statement::Line(line) => iso::line(line, CODES, sheet)?,
-            Statement::Arc(arc) => iso::arc(arc, CODES, sheet)?,
-            Statement::Thread { line, lead, start, .. } => {
+            Statement::Comment(text) | Statement::Section(text) => sheet.comment(text),
+            Statement::Line(line) => iso::line(line, iso::CODES, sheet)?,
+            Statement::Arc(arc) => iso::arc(arc, iso::CODES, sheet)?,
+            Statement::Thread {
+                line, advance, start, ..
+            } => {
                 if start.is_some_and(|angle| angle != 0.0) {
                     return Err(Refusal::new(
                         "thread-start",
@@ -120,7 +113,8 @@ impl Control for LinuxCnc {
                 }
                 let mut words = vec!["G33".to_owned()];
                 words.extend(iso::axis_words(line.words, sheet));
-                words.push(format!("K{}", sheet.number(*lead, NUMBERS)?));
+                // K is the way along the path, whatever its direction.
+                words.push(format!("K{}", sheet.number(*advance, NUMBERS)?));
                 sheet.words(&words);
                 sheet.modal.motion = None;
             }
@@ -131,12 +125,7 @@ impl Control for LinuxCnc {
                 sheet.modal.forget();
             }
             Statement::Machine(to) => {
-                let mut words = vec!["G53 G0".to_owned()];
-                for (letter, to) in ["X", "Y", "Z"].iter().zip(to) {
-                    if let Some(to) = to {
-                        words.push(format!("{letter}{}", sheet.length(*to)?));
-                    }
-                }
+                let words = alike::machine_words("G53 G0", to, sheet)?;
                 sheet.words(&words);
                 sheet.modal.motion = None;
             }
@@ -158,21 +147,11 @@ impl Control for LinuxCnc {
             }
             Statement::Offset { number: 0, .. } => sheet.line("G49"),
             Statement::Offset { number, .. } => sheet.line(&format!("G43 H{number}")),
-            Statement::Spindle(state) => {
-                let (word, mode) = iso::spindle(*state, "M19 R0", sheet)?;
-                match mode {
-                    None => sheet.line(&word),
-                    Some(SpindleMode::Revolutions(speed)) => {
-                        let speed = iso::speed(speed.0, sheet)?;
-                        sheet.line(&format!("G97 S{speed} {word}"));
-                    }
-                    Some(SpindleMode::Surface { speed, limit }) => {
-                        let limit = iso::speed(limit.0, sheet)?;
-                        let metres = iso::speed(speed.0 * 0.06, sheet)?;
-                        sheet.line(&format!("G96 D{limit} S{metres} {word}"));
-                    }
-                }
-            }
+            Statement::Spindle(state) => match alike::turn(*state, "M19 R0", sheet)? {
+                Turn::Word(word) => sheet.line(&word),
+                Turn::Revolutions { speed, word } => sheet.line(&format!("G97 S{speed} {word}")),
+                Turn::Surface { metres, limit, word } => sheet.line(&format!("G96 D{limit} S{metres} {word}")),
+            },
             Statement::Coolant { before, now } => {
                 let mut now = *now;
                 if now.through {
@@ -194,11 +173,7 @@ impl Control for LinuxCnc {
             }
             Statement::Work(number) => {
                 if *number > 9 {
-                    return Err(Refusal::new(
-                        "work-offset",
-                        "more work offsets than G59.3",
-                        "use fewer set-ups in one program",
-                    ));
+                    return Err(alike::no_work_offset("more work offsets than G59.3"));
                 }
                 let name = self.work_name(*number);
                 sheet.line(&name);
@@ -225,7 +200,7 @@ impl Control for LinuxCnc {
             Statement::Register(change) => register(change, sheet)?,
             Statement::If(condition) => {
                 let label = sheet.label();
-                sheet.ways.push(way(label));
+                sheet.ways.push(Way::between(label, label));
                 self.condition(label, "if", condition, sheet)?;
             }
             Statement::Else => {
@@ -238,7 +213,7 @@ impl Control for LinuxCnc {
             }
             Statement::While(condition) => {
                 let label = sheet.label();
-                sheet.ways.push(way(label));
+                sheet.ways.push(Way::between(label, label));
                 if condition_is_of_the_machine(condition, self, sheet) {
                     return Err(Refusal::new(
                         "condition",
@@ -253,10 +228,7 @@ impl Control for LinuxCnc {
                 sheet.line(&format!("o{label} endwhile"));
             }
             Statement::Assign { variable, value } => {
-                let number = sheet.variable(variable);
-                let name = self.variable(number)?;
-                let (text, verified) = self.expression(value, sheet)?;
-                crate::macro_b::note_unverified(verified, sheet);
+                let (name, text) = alike::assigned(variable, value, self, sheet)?;
                 sheet.line(&format!("{name} = [{text}]"));
             }
         }
@@ -271,14 +243,7 @@ impl Control for LinuxCnc {
     }
     fn variable(&self, number: u32) -> Result<String, Refusal> {
         // Numbered ones can be set before the start and begin as 0; a name that nothing has set is an error.
-        if number >= 1000 {
-            return Err(Refusal::new(
-                "variables",
-                "the program has more than 1000 variables",
-                "use fewer",
-            ));
-        }
-        Ok(format!("#{}", number + 1001))
+        Ok(format!("#{}", alike::among(number, 1000, "use fewer")? + 1001))
     }
     fn assignment(&self, variable: &str, value: &str) -> String {
         format!("{variable} = {value}")
@@ -288,12 +253,6 @@ impl Control for LinuxCnc {
     }
 
     fn reading(&self, stream: &str, _turning: bool) -> Reading {
-        let verified = |text: String| {
-            Reading::Value(Source {
-                verified: true,
-                ..Source::of(text)
-            })
-        };
         // `M66` waits for the motion and reads the input then; the wiring is the machine's.
         let input = |number: u32| {
             Reading::Value(Source {
@@ -302,16 +261,16 @@ impl Control for LinuxCnc {
             })
         };
         let (component, kind) = stream.split_once('.').unwrap_or((stream, ""));
-        let axis = ["X", "Y", "Z"].contains(&component);
+        let axis = alike::linear(component).is_some();
         match kind {
-            "" if stream == "trace:tool" => verified("#5400".to_owned()),
+            "" if stream == "trace:tool" => Reading::known("#5400"),
             "" if stream == "trace:last_ws_time" || stream.ends_with("_time") => {
                 Reading::Outside("a program has no clock here: the log is stamped by who reads it")
             }
-            "POSITION.COMMANDED" if axis => verified(format!("#<_abs_{}>", component.to_ascii_lowercase())),
+            "POSITION.COMMANDED" if axis => Reading::known(format!("#<_abs_{}>", component.to_ascii_lowercase())),
             "POSITION.ACTUAL" if axis => Reading::Outside("joint.N.motor-pos-fb, a HAL pin"),
             "DISPLACEMENT" if axis => Reading::Outside("joint.N.f-error, a HAL pin"),
-            "DISPLACEMENT" => Reading::Value(Source::of("#5403")),
+            "DISPLACEMENT" => Reading::unsure("#5403"),
             "LINEAR_FORCE" => input(0),
             "PRESSURE" => input(1),
             "FILL_LEVEL" => input(2),
@@ -325,7 +284,7 @@ impl Control for LinuxCnc {
                 Reading::Outside("derived beside the program from HAL pins")
             }
             "SOUND_LEVEL" | "TEMPERATURE" => Reading::Outside("a HAL pin of a sensor"),
-            _ => Reading::Nothing("no source for it is known on this control"),
+            _ => NO_SOURCE,
         }
     }
 
@@ -365,23 +324,13 @@ impl Control for LinuxCnc {
         if tool.is_some() {
             return None; // only the tool in the spindle has variables
         }
-        let number = Source {
-            verified: true,
-            ..Source::of("#5400")
-        };
         Some(vec![
-            ("NUMBER", Reading::Value(number)),
-            ("LENGTH", Reading::Value(Source::of("#5403"))),
+            ("NUMBER", Reading::known("#5400")),
+            ("LENGTH", Reading::unsure("#5403")),
         ])
     }
     fn recorder(&self) -> &'static str {
         BESIDE
-    }
-    fn polls(&self) -> bool {
-        false
-    }
-    fn checks(&self) -> bool {
-        true
     }
 
     fn function(&self, function: &Function, sheet: &mut Sheet<'_>) -> Result<Option<Verdict>, Refusal> {
@@ -410,11 +359,7 @@ impl Control for LinuxCnc {
                     Reaction::FeedHold | Reaction::StopAfterOperation => {
                         sheet.line(&format!("(MSG,{text})"));
                         sheet.line("M0");
-                        let when = if alarm.reaction == Reaction::FeedHold {
-                            ""
-                        } else {
-                            ", not at the operation's end"
-                        };
+                        let when = alike::not_at_the_end(alarm.reaction);
                         Some(Verdict::between_blocks(
                             true,
                             format!("a message, then M0 waits at this block{when}"),
@@ -441,17 +386,9 @@ impl Control for LinuxCnc {
 impl LinuxCnc {
     fn condition(&self, label: u32, word: &str, condition: &Expression, sheet: &mut Sheet<'_>) -> Result<(), Refusal> {
         let (text, verified) = self.expression(condition, sheet)?;
-        crate::macro_b::note_unverified(verified, sheet);
+        alike::note_unverified(verified, sheet);
         sheet.line(&format!("o{label} {word} [{text}]"));
         Ok(())
-    }
-}
-
-fn way(label: u32) -> Way {
-    Way {
-        other: label,
-        end: label,
-        otherwise: false,
     }
 }
 
@@ -467,14 +404,10 @@ fn condition_is_of_the_machine(condition: &Expression, control: &dyn Control, sh
     }
 }
 
-fn comment(text: &str, sheet: &mut Sheet<'_>) {
-    sheet.comment(text);
-}
-
 fn register(change: &plan::RegisterChange, sheet: &mut Sheet<'_>) -> Result<(), Refusal> {
     let Some(after) = change.after else { return Ok(()) };
     let letters = ["X", "Y", "Z"];
-    let factor = |axis: usize| if sheet.turning && axis == 0 { 2.0 } else { 1.0 };
+    let factor = |axis: usize| alike::of_diameter(axis, sheet);
     let line = match &change.register {
         Register::Variable(number) if (31..=5000).contains(number) => format!("#{number} = {}", sheet.number(after, NUMBERS)?),
         Register::WorkOffset { name, axis } if crate::control::work_number(name).is_some_and(|n| n <= 9) => {
@@ -487,11 +420,7 @@ fn register(change: &plan::RegisterChange, sheet: &mut Sheet<'_>) -> Result<(), 
         Register::ToolRadius { tool } => format!("G10 L1 P{tool} R{}", sheet.length(after)?),
         Register::TipDirection { tool } => format!("G10 L1 P{tool} Q{}", after as i64),
         other => {
-            return Err(Refusal::new(
-                "register",
-                format!("{} is no register of this control", other.name()),
-                "enter the value at the machine",
-            ));
+            return Err(alike::no_register(&other.name()));
         }
     };
     sheet.line(&line);

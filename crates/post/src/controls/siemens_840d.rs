@@ -4,18 +4,19 @@
 
 mod actions;
 
+use crate::alike::{self, Turn};
 use crate::condition::{Style, source_of, spell};
 use crate::control::Control;
-use crate::functions::{Item, Reading, Source, streams_of};
+use crate::functions::{Item, NO_SOURCE, OWN_SENSOR, Reading, Source, streams_of};
 use crate::grade::Verdict;
-use crate::iso::{self, Codes};
+use crate::iso;
 use crate::letters::Letters;
 use crate::number::Decimals;
-use crate::sheet::{Paper, Refusal, Sheet};
+use crate::sheet::{Paper, Refusal, Sheet, Way};
 use crate::statement::Statement;
 use actions::{start_action, start_recording, stop_action, stop_recording};
 use plan::expression::Operator;
-use plan::{Expression, PathMode, Register, SpindleMode, StopKind};
+use plan::{Expression, PathMode, Register, StopKind};
 use trace::functions::{Frequency, Recording, SynchronizedAction};
 use trace::sensor::{Sensor, Statistic, streams};
 use trace::{Call, Function, Sampling};
@@ -23,11 +24,7 @@ use trace::{Call, Function, Sampling};
 /// The control.
 pub struct Siemens840d;
 
-const NUMBERS: Decimals = Decimals {
-    places: 6,
-    point: false,
-    plus: false,
-};
+const NUMBERS: Decimals = Decimals::plain(6);
 
 const OPERATORS: &[(Operator, &str)] = &[
     (Operator::Add, "+"),
@@ -56,11 +53,6 @@ const STYLE: Style = Style {
 
 const IN_ACTION: Style = Style { realtime: true, ..STYLE };
 
-const CODES: Codes = Codes {
-    per_minute: "G94",
-    per_revolution: "G95",
-};
-
 const BESIDE: &str = "a recorder over the SINUMERIK's OPC UA server or Edge";
 
 impl Control for Siemens840d {
@@ -74,15 +66,10 @@ impl Control for Siemens840d {
         "mpf"
     }
     fn paper(&self) -> Paper {
-        let decimals = |places| Decimals {
-            places,
-            point: false,
-            plus: false,
-        };
         Paper {
-            lengths: decimals(4),
-            feeds: [decimals(3), decimals(5)],
-            speeds: decimals(3),
+            lengths: Decimals::plain(4),
+            feeds: [Decimals::plain(3), Decimals::plain(5)],
+            speeds: Decimals::plain(3),
             largest: 999_999.0,
             line_end: "\n",
             longest: 512,
@@ -109,29 +96,19 @@ impl Control for Siemens840d {
                     sheet.line("DEF INT TM_ERROR");
                     sheet.verify("the log is the file TM_LOG in the part programs; its size is bounded by MD11420");
                 }
-                sheet.line(if sheet.turning {
-                    "G18 G40 G71 G90 G97 DIAMON"
-                } else {
-                    "G17 G40 G71 G90 G94"
-                });
-                sheet.modal.plane = Some(if sheet.turning { "G18" } else { "G17" });
-                sheet.modal.feed_mode = (!sheet.turning).then_some("G94");
+                alike::rely_on("G18 G40 G71 G90 G97 DIAMON", "G17 G40 G71 G90 G94", sheet);
                 Ok(())
             }
             Statement::End => {
                 sheet.line("M30");
                 Ok(())
             }
-            Statement::Comment(text) => {
+            Statement::Comment(text) | Statement::Section(text) => {
                 sheet.comment(text);
                 Ok(())
             }
-            Statement::Section(name) => {
-                sheet.comment(name);
-                Ok(())
-            }
-            Statement::Line(line) => iso::line(line, CODES, sheet),
-            Statement::Arc(arc) => iso::arc(arc, CODES, sheet),
+            Statement::Line(line) => iso::line(line, iso::CODES, sheet),
+            Statement::Arc(arc) => iso::arc(arc, iso::CODES, sheet),
             Statement::Thread {
                 line, lead, axis, start, ..
             } => {
@@ -165,12 +142,7 @@ impl Control for Siemens840d {
                 Ok(())
             }
             Statement::Machine(to) => {
-                let mut words = vec!["G0 SUPA".to_owned()];
-                for (letter, to) in ["X", "Y", "Z"].iter().zip(to) {
-                    if let Some(to) = to {
-                        words.push(format!("{letter}{}", sheet.length(*to)?));
-                    }
-                }
+                let mut words = alike::machine_words("G0 SUPA", to, sheet)?;
                 words.push("D0".to_owned());
                 out_of_the_way(&words.join(" "), sheet);
                 Ok(())
@@ -196,32 +168,19 @@ impl Control for Siemens840d {
                 Ok(())
             }
             Statement::Offset { number, negative } => {
-                if *negative || sheet.modal.tool.is_some_and(|tool| tool != *number && tool != 0) {
-                    return Err(Refusal::new(
-                        "tool-offset",
-                        format!(
-                            "offset {number} of tool {}: D numbers belong to their tool here",
-                            sheet.modal.tool.unwrap_or(0)
-                        ),
-                        "let each tool use the offset of its own number",
-                    ));
-                }
+                alike::own_offset(*number, *negative, "D numbers", sheet)?;
                 sheet.modal.length_on = true;
                 sheet.line("D1");
                 Ok(())
             }
             Statement::Spindle(state) => {
-                let (word, mode) = iso::spindle(*state, "SPOS=0", sheet)?;
-                match mode {
-                    None => sheet.line(&word),
-                    Some(SpindleMode::Revolutions(speed)) => {
-                        let speed = iso::speed(speed.0, sheet)?;
+                match alike::turn(*state, "SPOS=0", sheet)? {
+                    Turn::Word(word) => sheet.line(&word),
+                    Turn::Revolutions { speed, word } => {
                         let g97 = if sheet.turning { "G97 " } else { "" };
                         sheet.line(&format!("{g97}S{speed} {word}"));
                     }
-                    Some(SpindleMode::Surface { speed, limit }) => {
-                        let limit = iso::speed(limit.0, sheet)?;
-                        let metres = iso::speed(speed.0 * 0.06, sheet)?;
+                    Turn::Surface { metres, limit, word } => {
                         sheet.line(&format!("LIMS={limit}"));
                         sheet.line(&format!("G96 S{metres} {word}"));
                     }
@@ -238,11 +197,7 @@ impl Control for Siemens840d {
             }
             Statement::Work(number) => {
                 if *number > 98 {
-                    return Err(Refusal::new(
-                        "work-offset",
-                        "more work offsets than G599",
-                        "use fewer set-ups in one program",
-                    ));
+                    return Err(alike::no_work_offset("more work offsets than G599"));
                 }
                 let name = self.work_name(*number);
                 sheet.line(&name);
@@ -303,7 +258,7 @@ impl Control for Siemens840d {
                 if names_of_the_machine(condition) {
                     return self.loop_with_stop(condition, sheet);
                 }
-                sheet.ways.push(way(0));
+                sheet.ways.push(Way::between(0, 0));
                 self.condition("WHILE", condition, sheet)
             }
             Statement::EndWhile => {
@@ -317,10 +272,7 @@ impl Control for Siemens840d {
                 Ok(())
             }
             Statement::Assign { variable, value } => {
-                let number = sheet.variable(variable);
-                let name = self.variable(number)?;
-                let (text, verified) = self.expression(value, sheet)?;
-                crate::macro_b::note_unverified(verified, sheet);
+                let (name, text) = alike::assigned(variable, value, self, sheet)?;
                 if text.contains('$') {
                     sheet.line("STOPRE");
                 }
@@ -337,17 +289,7 @@ impl Control for Siemens840d {
         }
     }
     fn variable(&self, number: u32) -> Result<String, Refusal> {
-        if number >= 90 {
-            return Err(Refusal::new(
-                "variables",
-                "the program has more than 90 variables",
-                "use fewer",
-            ));
-        }
-        Ok(format!("R{}", number + 1))
-    }
-    fn assignment(&self, variable: &str, value: &str) -> String {
-        format!("{variable}={value}")
+        Ok(format!("R{}", alike::among(number, 90, "use fewer")? + 1))
     }
     fn expression(&self, expression: &Expression, sheet: &mut Sheet<'_>) -> Result<(String, bool), Refusal> {
         if let Expression::Truth(truth) = expression {
@@ -376,7 +318,7 @@ impl Control for Siemens840d {
             _ => {}
         }
         let (component, kind) = stream.split_once('.').unwrap_or((stream, ""));
-        let axis = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"].contains(&component);
+        let axis = alike::AXES.contains(&component);
         let spindle = component.strip_prefix('S').and_then(|n| n.parse::<u32>().ok());
         let machine = axis || spindle.is_some();
         match kind {
@@ -398,11 +340,11 @@ impl Control for Siemens840d {
             "FLOW" => value("$A_INA[5]".into(), false, true, 1.0),
             "DISPLACEMENT" => value("$TC_DP12[$P_TOOLNO,1]".into(), false, false, 1.0),
             "ACCELERATION" if axis => Reading::Nothing("$AA_ACC is the limit and not the actual acceleration"),
-            "ACCELERATION" | "SOUND_LEVEL" | "TEMPERATURE" => Reading::Outside("a sensor of its own beside the control"),
+            "ACCELERATION" | "SOUND_LEVEL" | "TEMPERATURE" => OWN_SENSOR,
             "CUTTING_SPEED" | "ANGULAR_ACCELERATION" => {
                 Reading::Outside("it is derived from the spindle's speed beside the control")
             }
-            _ => Reading::Nothing("no source for it is known on this control"),
+            _ => NO_SOURCE,
         }
     }
 
@@ -436,16 +378,13 @@ impl Control for Siemens840d {
     fn tool_data(&self, tool: Option<u32>) -> Option<Vec<(&'static str, Reading)>> {
         let number = tool.map_or("$P_TOOLNO".to_owned(), |number| number.to_string());
         Some(vec![
-            ("NUMBER", Reading::Value(Source::of(number.clone()))),
-            ("LENGTH", Reading::Value(Source::of(format!("$TC_DP3[{number},1]")))),
-            ("WEAR", Reading::Value(Source::of(format!("$TC_DP12[{number},1]")))),
+            ("NUMBER", Reading::unsure(number.clone())),
+            ("LENGTH", Reading::unsure(format!("$TC_DP3[{number},1]"))),
+            ("WEAR", Reading::unsure(format!("$TC_DP12[{number},1]"))),
         ])
     }
     fn recorder(&self) -> &'static str {
         BESIDE
-    }
-    fn polls(&self) -> bool {
-        false
     }
     fn checks(&self) -> bool {
         false
@@ -499,7 +438,7 @@ impl Control for Siemens840d {
 impl Siemens840d {
     fn condition(&self, word: &str, condition: &Expression, sheet: &mut Sheet<'_>) -> Result<(), Refusal> {
         let (text, verified) = spell(condition, &STYLE, self, sheet)?;
-        crate::macro_b::note_unverified(verified, sheet);
+        alike::note_unverified(verified, sheet);
         if text.contains('$') {
             sheet.line("STOPRE");
         }
@@ -516,24 +455,16 @@ impl Siemens840d {
     /// A loop whose condition is the machine's: each turn waits for the motion before it looks.
     fn loop_with_stop(&self, condition: &Expression, sheet: &mut Sheet<'_>) -> Result<(), Refusal> {
         let label = sheet.label();
-        sheet.ways.push(way(label));
+        sheet.ways.push(Way::between(0, label));
         sheet.notes.entry("loop ends".to_owned()).or_default().push(label);
         sheet.line("LOOP");
         let opposite = Expression::Not(Box::new(condition.clone()));
         let opposite = crate::condition::without_not(&opposite, true);
         let (text, verified) = spell(&opposite, &STYLE, self, sheet)?;
-        crate::macro_b::note_unverified(verified, sheet);
+        alike::note_unverified(verified, sheet);
         sheet.line("STOPRE");
         sheet.line(&format!("IF {text} GOTOF TM_LABEL{label}"));
         Ok(())
-    }
-}
-
-fn way(end: u32) -> crate::sheet::Way {
-    crate::sheet::Way {
-        other: 0,
-        end,
-        otherwise: false,
     }
 }
 
@@ -557,17 +488,7 @@ fn out_of_the_way(words: &str, sheet: &mut Sheet<'_>) {
 
 /// A program's name: two letters first, letters, digits and underscores, at most 24.
 fn file_name(name: &str) -> String {
-    let mut out: String = name
-        .chars()
-        .map(|c| {
-            if c.is_ascii_alphanumeric() {
-                c.to_ascii_uppercase()
-            } else {
-                '_'
-            }
-        })
-        .take(24)
-        .collect();
+    let mut out = alike::file_letters(name);
     if !out.bytes().take(2).all(|b| b.is_ascii_alphabetic()) || out.len() < 2 {
         out = format!("TM_{out}");
         out.truncate(24);
@@ -577,7 +498,6 @@ fn file_name(name: &str) -> String {
 
 fn register(change: &plan::RegisterChange, sheet: &mut Sheet<'_>) -> Result<(), Refusal> {
     let Some(after) = change.after else { return Ok(()) };
-    let axis_factor = |axis: usize| if sheet.turning && axis == 0 { 2.0 } else { 1.0 };
     let number = |value: f64| sheet.number(value, NUMBERS);
     let line = match &change.register {
         Register::WorkOffset { name, axis } => {
@@ -591,7 +511,7 @@ fn register(change: &plan::RegisterChange, sheet: &mut Sheet<'_>) -> Result<(), 
                     ));
                 }
             };
-            let value = number(after * axis_factor(*axis))?;
+            let value = number(after * alike::of_diameter(*axis, sheet))?;
             format!("$P_UIFR[{index},{},TR]={value}", ["X", "Y", "Z"][*axis])
         }
         Register::ToolGeometry { tool, axis } => {
@@ -614,9 +534,7 @@ fn register(change: &plan::RegisterChange, sheet: &mut Sheet<'_>) -> Result<(), 
         Register::ToolRadiusWear { tool } => format!("$TC_DP15[{tool},1]={}", number(after)?),
         Register::TipDirection { tool } => format!("$TC_DP2[{tool},1]={}", after as i64),
         Register::Variable(number) => {
-            let text = format!("NOT POSTED: #{number} = {after}");
-            sheet.comment(&text);
-            sheet.notice("variables that the program leaves in the control (#500 and up) have no counterpart here");
+            alike::left_variable(&format!("#{number}"), &after.to_string(), sheet);
             return Ok(());
         }
     };

@@ -280,7 +280,7 @@ const SPINDLE: &[Key] = &[key("its_spindle", Kind::Text, "the spindle; by defaul
 const FRAME: &[Key] = &[key(
     "frame",
     Kind::Word(&["machine", "work", "tool_tip"]),
-    "frame of the coordinates; by default machine",
+    "machine: the gauge point as the axes show it (default); work: the tool's tip as the program says it; tool_tip: the tip in the machine's frame",
 )];
 const ENCODER: &[Key] = &[key(
     "its_encoder",
@@ -450,6 +450,8 @@ pub struct Measurement {
     pub number_of_points: Option<u32>,
     /// How near a point the tool has to pass; of a displacement: within what it is good.
     pub tolerance: Option<Millimetres>,
+    /// Frame of the coordinates.
+    pub frame: CoordinateFrame,
     /// Frame, encoder, circuit and what else is said of it.
     pub details: Vec<(&'static str, String)>,
 }
@@ -458,9 +460,53 @@ impl Measurement {
     /// The streams that it means.
     ///
     /// # Errors
-    /// It names an axis for something that has none.
+    /// It names an axis for something that has none, or one that its frame has not.
     pub fn streams(&self) -> Result<Vec<Sensor>, NoStream> {
-        streams(self.measure.name, &self.at)
+        let mut found = streams(self.measure.name, &self.at)?;
+        if self.frame != CoordinateFrame::Machine
+            && let Some(other) = found.iter().find(|sensor| sensor.linear_axis().is_none())
+        {
+            return Err(NoStream {
+                message: format!("{} has no coordinate in the frame {}", other.component, self.frame.word()),
+                remedy: "name the axes X, Y, Z, or leave frame out".to_owned(),
+            });
+        }
+        // The second measuring system is a sensor of its own.
+        if self.details.iter().any(|(key, value)| *key == "its_encoder" && value == "2") {
+            found.iter_mut().for_each(|sensor| sensor.quantity.push_str(".2"));
+        }
+        Ok(found)
+    }
+}
+
+/// The frame in which coordinates are told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum CoordinateFrame {
+    /// The gauge point in the machine's frame: what the axes show.
+    #[default]
+    Machine,
+    /// The tip of the tool in the frame of the work: what the program says.
+    Work,
+    /// The tip of the tool in the machine's frame.
+    ToolTip,
+}
+
+impl CoordinateFrame {
+    /// The word of `frame`.
+    pub const fn word(self) -> &'static str {
+        match self {
+            CoordinateFrame::Machine => "machine",
+            CoordinateFrame::Work => "work",
+            CoordinateFrame::ToolTip => "tool_tip",
+        }
+    }
+
+    /// The name of a stream in this frame: `X.POSITION.ACTUAL@WORK`.
+    pub fn named(self, sensor: &Sensor) -> String {
+        match self {
+            CoordinateFrame::Machine => sensor.to_string(),
+            other => format!("{sensor}@{}", other.word().to_ascii_uppercase()),
+        }
     }
 }
 
@@ -546,6 +592,11 @@ impl Arguments<'_> {
             points: self.text("its_points"),
             number_of_points: self.integer("number_of_points").and_then(|n| u32::try_from(n).ok()),
             tolerance: self.number("tolerance").or(self.number("its_tolerance")).map(Millimetres),
+            frame: match self.word("frame") {
+                Some("work") => CoordinateFrame::Work,
+                Some("tool_tip") => CoordinateFrame::ToolTip,
+                _ => CoordinateFrame::Machine,
+            },
             details: details.map(|a| (a.key, a.value.to_string())).collect(),
         }
     }

@@ -1,6 +1,8 @@
 //! What is done at once, by the program or as an action: times, values, alarms, data of tool, machine, coolant and operator.
 
+use super::context::Coordinates;
 use super::*;
+use crate::functions::CoordinateFrame;
 
 /// What is done at once, by the program or as an action.
 impl Recorder {
@@ -8,7 +10,8 @@ impl Recorder {
         match &function.call {
             Call::GetTime { label } => {
                 let now = self.start.at(tick);
-                let milliseconds = now.0 as f64 / 1e6;
+                // In whole milliseconds first: nanoseconds since 1970 are more than a double counts in ones.
+                let milliseconds = now.0.div_euclid(1_000_000) as f64 + now.0.rem_euclid(1_000_000) as f64 / 1e6;
                 self.write(function, Some(milliseconds));
                 let began = self.context.program_began().unwrap_or(Tick(0));
                 object(json!({
@@ -86,16 +89,20 @@ impl Recorder {
             Err((why, _)) => return object(json!({ "error": "T-05", "why": why, "quality": "unavailable" })),
         };
         let mut all = Vec::new();
+        let frame = match &function.call {
+            Call::Get(measurement) => measurement.frame,
+            _ => CoordinateFrame::Machine,
+        };
         for sensor in &sensors {
-            let value = self.value_of(sensor);
-            let unit = sensor.dimension().map(|d| d.unit());
-            let derived = signal_of(sensor).is_some_and(|s| SIGNALS[usize::from(s)].derived);
+            let value = self.value_in(frame, sensor);
+            let unit = Some(unit_of(sensor)).filter(|unit| !unit.is_empty());
+            let derived = frame != CoordinateFrame::Machine || signal_of(sensor).is_some_and(|s| SIGNALS[usize::from(s)].derived);
             let quality = if value.is_some() {
                 self.quality(derived)
             } else {
                 "unavailable"
             };
-            let mut one = object(json!({ "stream": sensor.to_string(), "value": value, "unit": unit, "quality": quality }));
+            let mut one = object(json!({ "stream": frame.named(sensor), "value": value, "unit": unit, "quality": quality }));
             if derived {
                 one.insert("derived".to_owned(), Value::from(true));
             }
@@ -109,7 +116,7 @@ impl Recorder {
         let mut data = Map::new();
         match sensors.as_slice() {
             [only] => {
-                let value = self.value_of(only);
+                let value = self.value_in(frame, only);
                 self.write(function, value);
             }
             _ if function.variable.is_some() => {
@@ -135,14 +142,21 @@ impl Recorder {
 
     /// The unit tangent of the commanded path; `None` at rest.
     pub(super) fn direction(&self) -> Option<[f64; 3]> {
-        let before = self.before?;
-        let way: [f64; 3] = std::array::from_fn(|k| self.sample.commanded[k] - before.commanded[k]);
-        let length = libm::sqrt(way.iter().map(|v| v * v).sum());
-        (length > 1e-9).then(|| way.map(|v| v / length))
+        super::recording::direction(self.before.as_ref()?, &self.sample)
+    }
+
+    /// The present value of a sensor, coordinates in a frame.
+    fn value_in(&self, frame: CoordinateFrame, sensor: &Sensor) -> Option<f64> {
+        match (frame, Coordinates::of(sensor), sensor.linear_axis()) {
+            (CoordinateFrame::Machine, ..) | (_, None, _) | (.., None) => self.value_of(sensor),
+            (frame, Some(quantity), Some(axis)) => Some(self.context.coordinates(&self.sample, quantity, frame)?[axis]),
+        }
     }
 
     pub(super) fn write(&mut self, function: &Function, value: Option<f64>) {
-        if let (Some(variable), Some(value)) = (&function.variable, value) {
+        if let (Some(variable), Some(value)) = (&function.variable, value)
+            && !is_of_the_machine(variable)
+        {
             self.variables.insert(variable.clone(), value);
         }
     }

@@ -1,5 +1,7 @@
 //! Where in the program the machine is, for every record: workplan, workingstep, operation, toolpath, and how long parts took.
 
+use crate::functions::CoordinateFrame;
+use crate::sensor::Sensor;
 use machine::{MachineParameters, Phase, Sample};
 use plan::{Level, Step, StepKind};
 use serde_json::{Map, Value, json};
@@ -17,8 +19,8 @@ pub(super) struct Context {
     machine_from_setup: Option<Transform<Machine, Setup>>,
     offset: Option<Vector<Machine>>,
     planned: Option<(u32, f64)>,
-    /// The depth of the workplan at whose end the edit level goes back.
-    level_of: Option<usize>,
+    /// Edit levels that return: each at the end of the workplan of this depth.
+    levels: Vec<(usize, Option<u8>)>,
 }
 
 #[derive(Clone, Debug)]
@@ -40,6 +42,29 @@ pub(super) struct Done {
     pub end: Tick,
     /// Cycles of feed motion with the spindle turning.
     pub in_cut: u64,
+}
+
+/// What has coordinates.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Coordinates {
+    /// Where the path says.
+    Commanded,
+    /// Where the encoders say.
+    Actual,
+    /// From the one to the other.
+    Displacement,
+}
+
+impl Coordinates {
+    /// Of a sensor; `None` when it measures something else, or nothing here does.
+    pub(super) fn of(sensor: &Sensor) -> Option<Coordinates> {
+        match sensor.quantity.as_str() {
+            "POSITION.COMMANDED" => Some(Coordinates::Commanded),
+            "POSITION.ACTUAL" => Some(Coordinates::Actual),
+            "DISPLACEMENT" => Some(Coordinates::Displacement),
+            _ => None,
+        }
+    }
 }
 
 /// What has ended, for what ends with it.
@@ -132,18 +157,20 @@ impl Context {
         self.planned
     }
 
-    /// An edit level holds for the open workplan only, or for the rest of the program.
-    pub(super) fn level_is_of_workplan(&mut self, of_workplan: bool) {
-        self.level_of = of_workplan.then(|| self.depth());
+    /// An edit level takes the place of `outer`: in the open workplan only, or for the rest of the program.
+    pub(super) fn level_is_of_workplan(&mut self, of_workplan: bool, outer: Option<u8>) {
+        if of_workplan {
+            self.levels.push((self.depth(), outer));
+        } else {
+            self.levels.clear();
+        }
     }
 
-    /// True when the level that was set in a workplan ends with this scope.
-    pub(super) fn level_ends(&mut self, scope: Scope) -> bool {
-        let ends = matches!((scope, self.level_of), (Scope::Workplan(depth), Some(of)) if depth <= of);
-        if ends {
-            self.level_of = None;
-        }
-        ends
+    /// The level that returns with the end of a scope, if one does.
+    pub(super) fn level_returns(&mut self, scope: Scope) -> Option<Option<u8>> {
+        let Scope::Workplan(depth) = scope else { return None };
+        let at = self.levels.iter().position(|(of, _)| *of >= depth)?;
+        self.levels.drain(at..).next().map(|(_, outer)| outer)
     }
 
     /// A completed part by name or `#entity`; without one the last completed workingstep.
@@ -163,6 +190,23 @@ impl Context {
         let frame = self.machine_from_setup?;
         let offset = self.offset.unwrap_or(Vector::ZERO);
         Some((frame.inverse() * (Point::from_xyz(gauge) - offset)).xyz)
+    }
+
+    /// A place, or a distance, of a cycle in a frame; `None` before the work's frame was said.
+    pub(super) fn coordinates(&self, sample: &Sample, quantity: Coordinates, frame: CoordinateFrame) -> Option<[f64; 3]> {
+        let place = |gauge: [f64; 3]| match frame {
+            CoordinateFrame::Machine => Some(gauge),
+            CoordinateFrame::ToolTip => Some((Point::<Machine>::from_xyz(gauge) - self.offset.unwrap_or(Vector::ZERO)).xyz),
+            CoordinateFrame::Work => self.tip(gauge),
+        };
+        match quantity {
+            Coordinates::Commanded => place(sample.commanded),
+            Coordinates::Actual => place(sample.actual),
+            Coordinates::Displacement => {
+                let (actual, commanded) = (place(sample.actual)?, place(sample.commanded)?);
+                Some(std::array::from_fn(|k| actual[k] - commanded[k]))
+            }
+        }
     }
 
     /// Adds the place to a record.

@@ -64,8 +64,8 @@ impl Recorder {
                     "scope": if *workplan_only { "workplan" } else { "rest_of_program" },
                     "default": 10, "from_step": step.0,
                 });
-                self.level = *level;
-                self.context.level_is_of_workplan(*workplan_only && level.is_some());
+                let outer = std::mem::replace(&mut self.level, *level);
+                self.context.level_is_of_workplan(*workplan_only, outer);
                 self.tell(tick, step, object(data));
             }
             Call::StartSensorRecording(recording) => {
@@ -204,7 +204,41 @@ impl Recorder {
         self.tell(tick, self.sample.step, object(data));
     }
 
+    /// The machine has left the program: what belongs to it waits. A count goes on where it is when the program does.
+    pub(super) fn interrupt(&mut self, tick: Tick, why: &'static str) {
+        if !std::mem::replace(&mut self.waits, true) {
+            self.tell_waiting("stop", "interrupted", tick, Some(why));
+        }
+    }
+
+    /// The machine goes on with the program: what waited goes on with it.
+    pub(super) fn take_up(&mut self, tick: Tick) {
+        if std::mem::take(&mut self.waits) {
+            self.tell_waiting("start", "taken up again", tick, None);
+        }
+    }
+
+    fn tell_waiting(&mut self, verb: &str, state: &str, tick: Tick, why: Option<&str>) {
+        let mut told = Vec::new();
+        for action in self.actions.values().filter(|a| a.runs && !a.does.all_modes) {
+            told.push(json!({
+                "function": format!("{verb}_synchronized_action"), "id": action.does.id.0, "state": state, "run": action.run,
+                "why": why, "fired": action.fired,
+            }));
+        }
+        for (id, run, samples) in self.recordings.open() {
+            told.push(json!({
+                "function": format!("{verb}_sensor_recording"), "id": id.0, "state": state, "run": run,
+                "why": why, "samples": samples,
+            }));
+        }
+        for data in told {
+            self.tell(tick, self.sample.step, object(data));
+        }
+    }
+
     pub(super) fn program_ends(&mut self, tick: Tick, why: &'static str) {
+        self.waits = false;
         let over = self.recordings.end_all(why);
         self.tell_ended(over, self.sample.step);
         let mut ended = Vec::new();

@@ -1,8 +1,8 @@
 //! Recordings: which streams, when a sample is due, what is kept between two, and why it ended.
 
-use super::context::Scope;
-use crate::compile::signal_of;
-use crate::functions::{Measurement, TraceId};
+use super::context::{Context, Coordinates, Scope};
+use crate::compile::{signal_of, unit_of};
+use crate::functions::{CoordinateFrame, Measurement, TraceId};
 use crate::sensor::{Sensor, Statistic};
 use crate::value::Sampling;
 use machine::watch::{Readings, SIGNALS};
@@ -61,6 +61,8 @@ pub(super) struct Wanted {
     /// It ends with its path.
     along: bool,
     filter: Option<String>,
+    frame: CoordinateFrame,
+    with_direction: bool,
 }
 
 impl Wanted {
@@ -72,6 +74,8 @@ impl Wanted {
             max_samples: recording.max_samples,
             along,
             filter: recording.filter.clone(),
+            frame: CoordinateFrame::Machine,
+            with_direction: false,
         }
     }
 
@@ -91,6 +95,8 @@ impl Wanted {
             max_samples: measurement.number_of_points.filter(|_| of_points),
             along,
             filter: None,
+            frame: measurement.frame,
+            with_direction: measurement.with_direction,
         }
     }
 
@@ -139,9 +145,47 @@ struct Active {
 #[derive(Debug)]
 struct Channel {
     stream: u32,
-    signal: Option<u8>,
+    source: Source,
     statistic: Statistic,
     window: Window,
+}
+
+/// Where the values of a channel come from.
+#[derive(Clone, Copy, Debug)]
+enum Source {
+    /// A signal of the machine; `None`: it has none.
+    Signal(Option<u8>),
+    /// A coordinate in a frame of the program's.
+    Coordinate(Coordinates, CoordinateFrame, usize),
+    /// The direction of the commanded path.
+    Direction(usize),
+}
+
+/// What a cycle is seen by.
+#[derive(Clone, Copy)]
+pub(super) struct Seen<'c> {
+    pub sample: &'c Sample,
+    /// The cycle before, when it is the neighbour.
+    pub previous: Option<&'c Sample>,
+    pub readings: &'c Readings,
+    pub context: &'c Context,
+}
+
+impl Seen<'_> {
+    fn value(&self, source: Source) -> Option<f64> {
+        match source {
+            Source::Signal(signal) => self.readings.value(signal?),
+            Source::Coordinate(quantity, frame, axis) => Some(self.context.coordinates(self.sample, quantity, frame)?[axis]),
+            Source::Direction(axis) => Some(direction(self.previous?, self.sample)?[axis]),
+        }
+    }
+}
+
+/// The unit tangent of the commanded path between two cycles; `None` at rest.
+pub(super) fn direction(before: &Sample, now: &Sample) -> Option<[f64; 3]> {
+    let way: [f64; 3] = std::array::from_fn(|k| now.commanded[k] - before.commanded[k]);
+    let length = libm::sqrt(way.iter().map(|v| v * v).sum());
+    (length > 1e-9).then(|| way.map(|v| v / length))
 }
 
 /// What is kept of the cycles since the last sample.
@@ -183,13 +227,17 @@ impl Window {
 impl Recordings {
     /// Makes a stream known and gives its number.
     pub(super) fn declare(&mut self, run: u32, id: &str, sensor: &Sensor) -> u32 {
+        self.declare_in(CoordinateFrame::Machine, run, id, sensor)
+    }
+
+    fn declare_in(&mut self, frame: CoordinateFrame, run: u32, id: &str, sensor: &Sensor) -> u32 {
         let signal = signal_of(sensor);
         self.streams.push(Stream {
             run,
             id: id.to_owned(),
-            name: sensor.to_string(),
-            unit: sensor.dimension().map_or("", |d| d.unit()),
-            derived: signal.is_some_and(|s| SIGNALS[usize::from(s)].derived),
+            name: frame.named(sensor),
+            unit: unit_of(sensor),
+            derived: frame != CoordinateFrame::Machine || signal.is_some_and(|s| SIGNALS[usize::from(s)].derived),
             available: signal.is_some(),
         });
         self.streams.len() as u32 - 1
@@ -226,10 +274,30 @@ impl Recordings {
             if sensor.statistic == Statistic::Last {
                 sensor.statistic = wanted.statistic;
             }
+            let source = match (wanted.frame, Coordinates::of(&sensor), sensor.linear_axis()) {
+                (CoordinateFrame::Machine, ..) | (_, None, _) | (.., None) => Source::Signal(signal_of(&sensor)),
+                (frame, Some(quantity), Some(axis)) => Source::Coordinate(quantity, frame, axis),
+            };
             channels.push(Channel {
-                stream: self.declare(run, &wanted.id.0, &sensor),
-                signal: signal_of(&sensor),
+                stream: self.declare_in(wanted.frame, run, &wanted.id.0, &sensor),
+                source,
                 statistic: sensor.statistic,
+                window: Window::default(),
+            });
+        }
+        for axis in 0..if wanted.with_direction { 3 } else { 0 } {
+            self.streams.push(Stream {
+                run,
+                id: wanted.id.0.clone(),
+                name: format!("PATH.DIRECTION.{}", ["X", "Y", "Z"][axis]),
+                unit: "",
+                derived: true,
+                available: true,
+            });
+            channels.push(Channel {
+                stream: self.streams.len() as u32 - 1,
+                source: Source::Direction(axis),
+                statistic: Statistic::Last,
                 window: Window::default(),
             });
         }
@@ -254,6 +322,7 @@ impl Recordings {
             "statistic": wanted.statistic.word(), "filter": wanted.filter, "streams": streams,
             "cycles": interval, "rounded_to_s": rounded, "points": (!points.is_empty()).then_some(points.len()),
             "max_samples": wanted.max_samples,
+            "frame": (wanted.frame != CoordinateFrame::Machine).then(|| wanted.frame.word()),
         });
         self.active.push(Active {
             kept: vec![vec![]; channels.len()],
@@ -303,6 +372,11 @@ impl Recordings {
             .collect()
     }
 
+    /// Those that are not ended: id, run, samples so far.
+    pub(super) fn open(&self) -> impl Iterator<Item = (&TraceId, u32, u64)> {
+        self.active.iter().map(|a| (&a.wanted.id, a.run, a.samples))
+    }
+
     /// Ends all.
     pub(super) fn end_all(&mut self, why: &'static str) -> Vec<Ended> {
         let over = std::mem::take(&mut self.active);
@@ -316,20 +390,19 @@ impl Recordings {
     }
 
     /// A cycle; gives what ended in it.
-    pub(super) fn cycle(
-        &mut self,
-        sample: &Sample,
-        previous: Option<&Sample>,
-        tip: Option<[f64; 3]>,
-        readings: &Readings,
-    ) -> Vec<Ended> {
+    pub(super) fn cycle(&mut self, seen: Seen<'_>) -> Vec<Ended> {
+        if self.active.is_empty() {
+            return Vec::new();
+        }
+        let (sample, previous) = (seen.sample, seen.previous);
+        let tip = seen.context.tip(sample.actual);
         let mut ended = Vec::new();
         let mut at = 0;
         while at < self.active.len() {
             let active = &mut self.active[at];
             active.last = sample.tick;
             for channel in &mut active.channels {
-                if let Some(value) = channel.signal.and_then(|s| readings.value(s)) {
+                if let Some(value) = seen.value(channel.source) {
                     channel.window.add(value);
                 }
             }

@@ -46,8 +46,9 @@ impl Stretch {
             if !span.is_line() {
                 let place = self.course.at(k, s);
                 let bend = length(place[2]) / length(place[1]).max(1e-9);
-                next = next.min(s + 0.3 / bend.max(1e-6));
+                next = next.min(s + (0.3 / bend.max(1e-6)).min(span.detail()));
             }
+            let detail = span.detail();
             let mut border = false;
             let span = self.course.span(k);
             if !span.has_one_feed() {
@@ -100,7 +101,7 @@ impl Stretch {
             let feed = feed.fold(f64::INFINITY, f64::min);
             let sight = self.sight(k, next, border);
             let (a, b) = (self.sights.back_mut().expect("there is one"), sight);
-            a.detail = (shortest * DETAIL).min(TURN * a.detail.min(b.detail)) / self.fineness;
+            a.detail = (shortest * DETAIL).min(TURN * a.detail.min(b.detail)).min(detail) / self.fineness;
             a.cap_behind = feed * feed;
             self.sights.push_back(sight);
             s = next;

@@ -1,0 +1,221 @@
+//! Every code of the table of errors that is found before a program runs, with its place; what comes while it runs is in `scopes.rs` and
+//! in the tests of the machine and the cell.
+
+mod common;
+
+use common::{Say, look};
+use plan::Level;
+
+/// Severity, code and line of each finding.
+#[track_caller]
+fn check(said: &[Say<'_>], expected: &[&str]) {
+    let found = look(said).with_geometry(|name| name == "probe");
+    let shown: Vec<String> = found
+        .diagnostics
+        .iter()
+        .map(|d| format!("{:?} {} {}", d.severity, d.code, d.line).to_lowercase())
+        .collect();
+    assert_eq!(shown, expected, "{:#?}", found.diagnostics);
+}
+
+const START: &str = "start_sensor_recording its_function_id=1 its_sensors=X.LOAD";
+const STOP: &str = "stop_sensor_recording its_function_id=1";
+
+#[test]
+fn t_01_is_an_error_where_nothing_was_started_and_a_warning_where_it_is_over_already() {
+    check(&[Say::Function(STOP)], &["error t-01 1"]);
+    check(
+        &[Say::Function(START), Say::Function(STOP), Say::Function(STOP)],
+        &["warning t-01 3"],
+    );
+    // Another kind of function with the same name was never this one's start.
+    check(
+        &[
+            Say::Function("start_tool_logging its_function_id=1"),
+            Say::Function(STOP),
+            Say::Function("stop_tool_logging its_function_id=1"),
+        ],
+        &["error t-01 2"],
+    );
+    check(&[Say::Function("stop_synchronized_action its_id=9")], &["error t-01 1"]);
+    check(
+        &[Say::Function("log_nc_events its_function_id=E its_state=OFF")],
+        &["error t-01 1"],
+    );
+    check(
+        &[Say::Function("log_operator_data its_function_id=P its_state=OFF")],
+        &["error t-01 1"],
+    );
+}
+
+#[test]
+fn t_02_is_a_second_start_whatever_the_case_of_its_name() {
+    check(
+        &[
+            Say::Function("start_tool_logging its_function_id=T"),
+            Say::Function("start_tool_logging its_function_id=t"),
+            Say::Function("stop_tool_logging its_function_id=T"),
+        ],
+        &["error t-02 2"],
+    );
+    // After its stop a name is free.
+    check(
+        &[
+            Say::Function(START),
+            Say::Function(STOP),
+            Say::Function(START),
+            Say::Function(STOP),
+        ],
+        &[],
+    );
+    // Nested and overlapping ones of other names are allowed.
+    check(
+        &[
+            Say::Function(START),
+            Say::Function("start_sensor_recording its_function_id=2 its_sensors=X.LOAD"),
+            Say::Function(STOP),
+            Say::Function("stop_sensor_recording its_function_id=2"),
+        ],
+        &[],
+    );
+}
+
+#[test]
+fn t_04_says_what_ends_a_start_that_has_no_stop() {
+    check(&[Say::Function(START)], &["remark t-04 0"]);
+    check(
+        &[
+            Say::Begin(Level::Workplan, "main"),
+            Say::Function(START),
+            Say::End(Level::Workplan),
+            // It is over: its stop is none any more.
+            Say::Function(STOP),
+        ],
+        &["remark t-04 3", "warning t-01 4"],
+    );
+}
+
+#[test]
+fn t_05_is_a_warning_and_an_error_where_the_sensor_is_required() {
+    check(&[Say::Function("get_tool_tip_temperature")], &["warning t-05 0"]);
+    check(
+        &[Say::Function("get_tool_tip_temperature required=ON")],
+        &["error t-05-required 1", "warning t-05 0"],
+    );
+    check(&[Say::Function("read_sensor_value its_sensor=humidity")], &["error t-05 1"]);
+    // The second measuring system is one that this machine has not.
+    check(
+        &[Say::Function("get_encoder_position its_axis=X its_encoder=2")],
+        &["warning t-05 0"],
+    );
+    check(&[Say::Function("get_encoder_position its_axis=X its_encoder=1")], &[]);
+}
+
+#[test]
+fn t_06_is_what_makes_no_sense_conditions_units_variables_and_geometry() {
+    let action = |rest: &str| format!("start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC {rest} its_actions=get_time");
+    for rest in [
+        "its_frequency=WHEN its_condition=\"humidity > 3\"",
+        "its_frequency=WHEN its_condition=\"ws_time > 3 mm\"",
+        "its_frequency=WHEN its_condition=\"X.LOAD\"",
+        "its_frequency=WHEN",
+        "its_condition=\"X.LOAD > 3\"",
+    ] {
+        let line = action(rest);
+        check(&[Say::Function(&line)], &["error t-06 1", "remark t-04 0"]);
+    }
+    check(&[Say::Function("get_drive_load its_variable=load")], &["error t-06 1"]);
+    check(&[Say::Function("get_drive_load its_axis=X its_variable=load")], &[]);
+    let at = |name: &str| format!("get_drive_load_points its_axis=X its_points=#{name}");
+    check(&[Say::Function(&at("probe"))], &[]);
+    check(&[Say::Function(&at("prob"))], &["error t-06 1"]);
+    let at = |name: &str| format!("start_sensor_recording its_function_id=1 its_sensors=X.LOAD its_sampling=points:#{name}");
+    check(&[Say::Function(&at("prob")), Say::Function(STOP)], &["error t-06 1"]);
+}
+
+#[test]
+fn t_07_is_found_wherever_a_variable_of_the_machine_is_written() {
+    check(&[Say::Function("get_time its_variable=trace:ws_time")], &["error t-07 1"]);
+    check(
+        &[Say::Function("get_drive_load its_axis=X its_variable=SENSOR:X.LOAD")],
+        &["error t-07 1"],
+    );
+    check(&[Say::Along("get_time its_variable=trace:mode")], &["error t-07 1"]);
+    check(
+        &[
+            Say::Function(
+                "start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_actions=\"get_drive_load its_axis=X its_variable=sensor:X.LOAD\"",
+            ),
+            Say::Function("stop_synchronized_action its_id=1"),
+        ],
+        &["error t-07 1"],
+    );
+    // Without the prefix it is the program's own, and one that is easily mistaken.
+    check(&[Say::Function("get_time its_variable=ws_time")], &["warning t-07-name 1"]);
+    check(&[Say::Function("get_time its_variable=begin")], &[]);
+}
+
+#[test]
+fn t_08_is_an_action_that_may_be_none() {
+    let action = |what: &str| format!("start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_actions=\"{what}\"");
+    for what in [
+        "start_tool_logging its_function_id=1",
+        "set_edit_access_level its_level=3",
+        "paint_part",
+        "start_synchronized_action its_id=2 its_mode_scope=ALL its_actions=get_time",
+    ] {
+        check(&[Say::Function(&action(what))], &["error t-08 1", "remark t-04 0"]);
+    }
+}
+
+#[test]
+fn t_09_is_more_conditions_than_the_cycle_takes_with_what_they_come_to() {
+    let most = machine::watch::CONDITIONS;
+    let lines: Vec<String> = (0..=most)
+        .map(|k| {
+            format!(
+                "start_synchronized_action its_id=a{k} its_mode_scope=AUTOMATIC its_frequency=WHEN its_condition=\"X.LOAD > {k}\" its_actions=get_time"
+            )
+        })
+        .collect();
+    let said: Vec<Say<'_>> = lines.iter().map(|line| Say::Function(line)).collect();
+    let found = look(&said);
+    let error = found.diagnostics.iter().find(|d| d.code == "T-09").expect("too many");
+    assert_eq!((error.line, found.conditions.len()), (most as u32 + 1, most));
+    let expected = format!("{} with {} operations", most + 1, most + 1);
+    assert!(error.message.contains(&expected), "{error}");
+    assert!(look(&said[..most]).diagnostics.iter().all(|d| d.code != "T-09"));
+}
+
+#[test]
+fn t_12_is_a_function_between_two_paths_of_an_operation() {
+    check(
+        &[
+            Say::Begin(Level::Workingstep, "ws"),
+            Say::Begin(Level::Operation, "op"),
+            Say::Function("get_time"),
+            Say::Along("get_time"),
+            Say::End(Level::Operation),
+            Say::Function("get_time"),
+            Say::End(Level::Workingstep),
+        ],
+        &["error t-12 3"],
+    );
+}
+
+#[test]
+fn a_frame_that_has_no_such_coordinate_is_refused_with_the_reason() {
+    check(&[Say::Function("get_encoder_position its_axis=X frame=work")], &[]);
+    check(
+        &[Say::Function("get_encoder_position its_axis=A frame=work")],
+        &["error t-05 1"],
+    );
+    let found = look(&[Say::Function("get_encoder_position_points its_axis=A frame=tool_tip")]);
+    assert!(
+        found.diagnostics[0]
+            .message
+            .contains("A has no coordinate in the frame tool_tip"),
+        "{:?}",
+        found.diagnostics
+    );
+}

@@ -1,0 +1,194 @@
+//! What ends with what: recordings with their workplan or path, actions with the program or never, levels with their workplan; and what
+//! goes wrong while a program runs.
+
+mod common;
+
+use common::{Say, look, steps};
+use machine::watch::{Firing, Situation};
+use machine::{MachineParameters, Sample, State};
+use plan::Level;
+use serde_json::{Value, json};
+use trace::record::{Known, Recorder, Told};
+use units::{StepId, Tick, Timestamp};
+
+/// Ten cycles for each step, its own at the end of the first; gives what was told, `function state why` each, with its cycle.
+fn run(said: &[Say<'_>], known: Known) -> (Recorder, Vec<Told>) {
+    let machine = MachineParameters::small_machining_centre();
+    let found = look(said);
+    let mut recorder = Recorder::new(&machine, Timestamp(0), known, &found);
+    let mut told = Vec::new();
+    let mut tick = 0;
+    for step in steps(said) {
+        for cycle in 0..10 {
+            let sample = Sample {
+                tick: Tick(tick),
+                step: StepId(step.id.0),
+                ..Sample::default()
+            };
+            recorder.cycle(&sample, Situation::default());
+            if cycle == 0 {
+                recorder.step(&step, Tick(tick));
+            }
+            recorder.state(State::Running, Tick(tick), false);
+            recorder.take_samples();
+            tick += 1;
+        }
+        told.extend(recorder.take_told());
+    }
+    (recorder, told)
+}
+
+fn words(told: &[Told]) -> Vec<String> {
+    let text = |told: &Told, key: &str| told.data.get(key).and_then(Value::as_str).unwrap_or("-").to_owned();
+    told.iter()
+        .map(|t| format!("{} {} {} {}", t.tick.0, text(t, "function"), text(t, "state"), text(t, "why")))
+        .collect()
+}
+
+const START: &str = "start_sensor_recording its_function_id=1 its_sensors=X.LOAD";
+
+#[test]
+fn a_recording_ends_with_the_workplan_that_it_began_in_and_not_with_one_inside() {
+    let said = [
+        Say::Begin(Level::Workplan, "main"),
+        Say::Function(START),
+        Say::Begin(Level::Workplan, "inner"),
+        Say::Function("start_sensor_recording its_function_id=2 its_sensors=Y.LOAD"),
+        Say::End(Level::Workplan),
+        Say::End(Level::Workplan),
+    ];
+    let (_, told) = run(&said, Known::default());
+    assert_eq!(
+        words(&told),
+        [
+            "10 start_sensor_recording started -",
+            "30 start_sensor_recording started -",
+            "40 stop_sensor_recording ended end of the workplan",
+            "50 stop_sensor_recording ended end of the workplan",
+        ]
+    );
+}
+
+#[test]
+fn a_recording_along_a_path_ends_with_it_and_a_stop_of_another_run_is_t_01() {
+    let said = [
+        Say::Begin(Level::Toolpath, "first"),
+        Say::Along(START),
+        Say::End(Level::Toolpath),
+        Say::Function("stop_sensor_recording its_function_id=1"),
+        Say::Begin(Level::Toolpath, "second"),
+        Say::Along(START),
+        Say::End(Level::Toolpath),
+    ];
+    let (_, told) = run(&said, Known::default());
+    assert_eq!(
+        words(&told),
+        [
+            "10 start_sensor_recording started -",
+            "20 stop_sensor_recording ended end of the path",
+            "30 stop_sensor_recording - -",
+            "50 start_sensor_recording started -",
+            "60 stop_sensor_recording ended end of the path",
+        ]
+    );
+    assert_eq!(told[2].data["error"], "T-01");
+    assert_eq!((&told[0].data["run"], &told[3].data["run"]), (&json!(1), &json!(2)));
+}
+
+#[test]
+fn automatic_ends_with_the_program_and_all_modes_with_the_run() {
+    let action = |id: u32, scope: &str| {
+        format!(
+            "start_synchronized_action its_id={id} its_mode_scope={scope} its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time"
+        )
+    };
+    let (a, b) = (action(1, "AUTOMATIC"), action(2, "ALL"));
+    let (mut recorder, _) = run(&[Say::Function(&a), Say::Function(&b)], Known::default());
+    recorder.state(State::Ready, Tick(100), true);
+    assert_eq!(
+        words(&recorder.take_told()),
+        ["100 stop_synchronized_action ended program end"]
+    );
+    recorder.fired(&Firing {
+        tick: Tick(110),
+        watch: 1,
+        known: true,
+    });
+    assert_eq!(words(&recorder.take_told()), ["110 start_synchronized_action fired -"]);
+    recorder.finish(Tick(120));
+    assert_eq!(
+        words(&recorder.take_told()),
+        ["120 stop_synchronized_action ended end of the run"]
+    );
+}
+
+#[test]
+fn an_outage_is_one_t_05_and_lost_firings_and_cycles_are_t_09_and_t_10() {
+    let action = "start_synchronized_action its_id=1 its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time";
+    let (mut recorder, _) = run(&[Say::Function(action), Say::Function(START)], Known::default());
+    recorder.fired(&Firing {
+        tick: Tick(30),
+        watch: 0,
+        known: false,
+    });
+    recorder.lost_firings(7, Tick(31));
+    recorder.lost(3, Tick(32));
+    recorder.finish(Tick(40));
+    let told = recorder.take_told();
+    let errors: Vec<&str> = told.iter().filter_map(|t| t.data.get("error")?.as_str()).collect();
+    assert_eq!(errors, ["T-05", "T-09", "T-10"]);
+    assert_eq!(
+        (&told[1].data["lost_firings"], &told[2].data["lost_cycles"]),
+        (&json!(7), &json!(3))
+    );
+    let ended = told
+        .iter()
+        .find(|t| t.data["function"] == "stop_sensor_recording")
+        .expect("ended");
+    assert_eq!(ended.data["lost_cycles"], 3, "the recording says its gap too");
+}
+
+#[test]
+fn what_the_machine_owns_is_not_written_while_it_runs_either() {
+    let said = [
+        Say::Function("get_time its_variable=trace:ws_time"),
+        Say::Function("get_time its_variable=moment"),
+        Say::Function("log_event its_kind=see its_values=moment"),
+    ];
+    let (recorder, told) = run(&said, Known::default());
+    assert!(told[2].data["values"]["moment"].is_number(), "{:?}", told[2]);
+    assert_eq!(recorder.lookup("trace:ws_time"), Some(plan::Value::Number(0.0)));
+}
+
+#[test]
+fn a_record_of_the_machine_begins_every_job() {
+    let known = Known {
+        machine: json!({ "model": "sim", "serial_number": "7" })
+            .as_object()
+            .cloned()
+            .expect("an object"),
+        ..Known::default()
+    };
+    let (_, told) = run(&[Say::Function("get_time")], known);
+    assert_eq!(
+        (&told[0].data["function"], &told[0].data["serial_number"], told[0].tick),
+        (&json!("log_nc_machine_data"), &json!("7"), Tick(0))
+    );
+    assert_eq!(told[0].data[trace::record::BY_ITSELF], "job start");
+    assert_eq!(told.len(), 2);
+}
+
+#[test]
+fn a_level_that_is_set_for_its_workplan_is_over_with_it() {
+    let said = [
+        Say::Begin(Level::Workplan, "main"),
+        Say::Function("set_edit_access_level its_level=3"),
+        Say::Begin(Level::Workplan, "inner"),
+        Say::Function("set_edit_access_level its_level=2 its_scope=workplan"),
+        Say::End(Level::Workplan),
+        Say::Function("set_edit_access_level its_level=4"),
+    ];
+    let (_, told) = run(&said, Known::default());
+    let olds: Vec<Option<&Value>> = told.iter().map(|t| t.data.get("old")).collect();
+    assert_eq!(olds, [None, Some(&json!(3)), Some(&json!(3))], "the outer level returns");
+}
