@@ -111,6 +111,11 @@ impl Survey {
         }
     }
 
+    /// What is begun and not over here: recordings, logging, synchronized actions. Each by its kind and id, in order.
+    pub fn begun(&self) -> impl Iterator<Item = (&'static str, &TraceId)> {
+        self.active.keys().map(|(kind, id)| (kind.word(), id))
+    }
+
     /// The program is over.
     pub fn finish(mut self) -> Found {
         let open: Vec<_> = self.active.keys().cloned().collect();
