@@ -283,7 +283,7 @@ fn stop_and_restart(seed: u64) {
         feed: MmPerSec(10.0),
     };
     let stream = Box::new(Listed(program.0.clone(), 0));
-    let restarted = Restarted::new(stream, last.step, approach, &mut |_| plan::Answer::Unknown).expect("the step exists");
+    let restarted = Restarted::new(stream, last.step, approach, &[], &mut |_| plan::Answer::Unknown).expect("the step exists");
     let source = Trajectory::new(Box::new(restarted), config.position, limits(&config.machine, true));
     let mut kept = Kept::default();
     let outcome = World::new(config, source).expect("a sound machine").run(&mut kept);
