@@ -57,7 +57,8 @@ fn a_run_through_a_faultless_link_gives_the_same_record_bit_by_bit() {
     assert_eq!((ended_linked, &ended), (Ended::Completed, &Ended::Completed));
     assert_eq!(linked.samples.len(), direct.samples.len());
     for (a, b) in linked.samples.iter().zip(&direct.samples) {
-        assert_eq!(a, b);
+        // As text: what is not known is not-a-number, which is no number, not even itself; everything else is there to its last digit.
+        assert_eq!(format!("{a:?}"), format!("{b:?}"));
     }
     let plain = |kept: &Kept| {
         kept.events

@@ -251,7 +251,11 @@ fn on_a_wire_without_delay_the_run_is_that_without_a_link_bit_by_bit() {
     assert!(without.samples.iter().any(|s| s.phase == Phase::Paused), "it was held");
     let (ended, with) = linked(LinkedConfig::default(), &text, &found);
     assert_eq!(ended, Ended::Completed);
-    assert!(with.samples == without.samples, "another record");
+    // As text: what is not known is not-a-number, which is no number, not even itself.
+    assert!(
+        format!("{:?}", with.samples) == format!("{:?}", without.samples),
+        "another record"
+    );
     assert_eq!(told(&with), told(&without));
     assert_eq!(with.rows.len(), without.rows.len());
     let bits = |kept: &Kept| -> Vec<_> {
