@@ -49,6 +49,12 @@ pub struct Tie {
 }
 
 impl Tie {
+    /// True when its numbers make a thread.
+    pub(crate) fn can_be(&self) -> bool {
+        let usable = |number: f64| number > 0.0 && number.is_finite();
+        usable(self.lead) && usable(self.revolutions) && self.start.is_none_or(f64::is_finite)
+    }
+
     /// Speed along the path that keeps the lead at the planned spindle speed, mm/s.
     pub fn speed(&self) -> f64 {
         self.lead * self.revolutions

@@ -105,7 +105,8 @@ pub enum StopCause {
     Late,
     /// The path ended in motion; the machine braked beside it.
     OffPath,
-    /// A thread is so short that its lead is never reached, or that the spindle could not be turned round before its end.
+    /// A thread is so short that its lead is never reached, or that the spindle could not be turned round before its end; or its lead or
+    /// spindle speed is no number that could be one.
     ThreadTooShort,
 }
 

@@ -3,7 +3,7 @@
 
 use machine::{
     Command, Controller, CoolantOutlets, DriveMode, Feedback, MachineParameters, Mode, Overrides, PadState, Request, SetPoint,
-    SpindleCommand, State,
+    SpindleCommand, State, Tie,
 };
 use rand_chacha::ChaCha8Rng;
 use rand_core::{Rng, SeedableRng};
@@ -31,6 +31,14 @@ impl Dice {
 
     fn triple(&mut self, scale: f64) -> [f64; 3] {
         std::array::from_fn(|_| self.number() * scale)
+    }
+
+    fn tie(&mut self) -> Option<Tie> {
+        (self.up_to(8) == 0).then(|| Tie {
+            lead: self.number() * 0.001,
+            revolutions: self.number(),
+            start: (self.up_to(2) == 0).then(|| self.number()),
+        })
     }
 
     fn command(&mut self) -> Command {
@@ -71,6 +79,7 @@ impl Dice {
             9..22 => Command::SetPoint(SetPoint {
                 position: std::array::from_fn(|_| self.up_to(1001) as f64 * 1e-6),
                 step,
+                tie: self.tie(),
                 ..SetPoint::default()
             }),
             _ => Command::SetPoint(SetPoint {
@@ -80,6 +89,7 @@ impl Dice {
                 step,
                 path_length: self.number(),
                 path_speed: self.number().abs(),
+                tie: self.tie(),
                 ..SetPoint::default()
             }),
         }
@@ -206,6 +216,8 @@ fn check(seed: u64) -> std::collections::BTreeSet<&'static str> {
         // The drives follow well, now and then not at all.
         feedback.position = orders.axes.map(|a| if a.position.is_finite() { a.position } else { 0.0 });
         feedback.velocity = [0.0; 3];
+        feedback.spindle_angle =
+            Some(feedback.spindle_angle.unwrap_or(0.0) + feedback.spindle_speed / 60e3).filter(|turns| turns.is_finite());
         if dice.up_to(3) > 0 {
             feedback.spindle_speed = match orders.spindle {
                 SpindleCommand::Stop => 0.0,
@@ -218,6 +230,8 @@ fn check(seed: u64) -> std::collections::BTreeSet<&'static str> {
             1 => feedback.emergency_stop = true,
             2 => feedback.drive_fault = true,
             3 => feedback.velocity = dice.triple(100.0),
+            90..95 => (feedback.spindle_angle, feedback.spindle_index) = (None, None),
+            95..150 => feedback.spindle_index = feedback.spindle_angle,
             4 => feedback.spindle_speed = dice.number(),
             30..60 => feedback.reference_switch = std::array::from_fn(|_| dice.up_to(2) == 0),
             60..90 => feedback.index = std::array::from_fn(|_| (dice.up_to(2) == 0).then_some(0.001)),

@@ -12,6 +12,8 @@
 //!
 //! [`bound`] is their sum. A is the torque that brakes the spindle by its inertia.
 
+#![allow(clippy::disallowed_methods, reason = "SEED picks one random run")]
+
 use machine::Counters;
 use machine::{
     Command, FaultCause, MachineParameters, Plant, Quality, RealtimeHalf, Report, Request, SetPoint, SpindleCommand, State,
@@ -31,7 +33,7 @@ const J: f64 = 45_000.0;
 /// Commanded path against true angle, mm, at a spindle speed (turns/s) and its acceleration that comes and goes at once (turns/s^2).
 fn bound(lead: f64, turns_s: f64, turns_s2: f64) -> f64 {
     let jerk = 0.6 * 50_000.0;
-    let w = -0.85_f64.ln() / T;
+    let w = -libm::log(0.85) / T;
     let gain = (0.35 * (jerk / (lead * turns_s) / 0.02).sqrt()).min(150.0);
     let late = lead * turns_s2 / jerk;
     let filter = 0.27 / (w * w) + (0.84 / (w * gain)).min(3.0 / (w * w));
@@ -51,15 +53,15 @@ fn stroke(from: f64, to: f64, at: f64, speed: f64, step: u64, tie: Option<Tie>) 
     let rise = top / J;
     let up = |t: f64| {
         if t <= rise {
-            (J * t.powi(3) / 6.0, J * t * t / 2.0, J * t)
+            (J * t * t * t / 6.0, J * t * t / 2.0, J * t)
         } else if t <= ramp - rise {
             let u = t - rise;
-            let (s, v) = (J * rise.powi(3) / 6.0, J * rise * rise / 2.0);
+            let (s, v) = (J * rise * rise * rise / 6.0, J * rise * rise / 2.0);
             (s + v * u + top * u * u / 2.0, v + top * u, top)
         } else {
             let l = ramp - t;
             (
-                speed * ramp / 2.0 - (speed * l - J * l.powi(3) / 6.0),
+                speed * ramp / 2.0 - (speed * l - J * l * l * l / 6.0),
                 speed - J * l * l / 2.0,
                 J * l,
             )

@@ -14,8 +14,7 @@
 //! acceleration over two cycles, so it holds there too.
 //!
 //! A move that is tied to the spindle's angle ([`plan::Feed::Thread`]) is planned at advance times programmed revolutions, from rest to
-//! rest where its corners ask for it: the planner does not see the spindle's encoder, so the angle at its start is not waited for and
-//! deviations of the spindle's speed are not followed.
+//! rest; its set-points say so ([`machine::Tie`]), and the realtime half, which sees the spindle's encoder, goes by them as it turns.
 //!
 //! With a limit of jerk ([`Limits::j_max`]) another planner takes the place of the three stages, behind the same [`Trajectory`]: the path
 //! becomes a curve with a continuous curvature, and the window is solved for the fastest motion under speed, acceleration and jerk of each

@@ -95,6 +95,17 @@ fn manual() -> String {
         let _ = writeln!(page, "| {kind} | {} |", dimension.unit());
     }
     page.push_str(
+        "\n## Sensors of our own controller\n\nEach is worked out in every servo cycle. *Recorded*: a column of every record; *derived*: worked out of \
+         what is measured, and\nmarked so wherever it is recorded; all others are recorded by the functions above. Where a machine has no such sensor (a \
+         motion card\ngives no loads) the value is missing, never 0.\n\n| sensor | unit | |\n|---|---|---|\n",
+    );
+    for signal in machine::watch::SIGNALS.iter().filter(|s| !s.name.starts_with("trace:")) {
+        let recorded = machine::CHANNELS.iter().any(|channel| channel.name == signal.name);
+        let words = [(recorded, "recorded"), (signal.derived, "derived")];
+        let words: Vec<&str> = words.into_iter().filter_map(|(is, word)| is.then_some(word)).collect();
+        let _ = writeln!(page, "| `{}` | {} | {} |", signal.name, signal.unit, words.join(", "));
+    }
+    page.push_str(
         "\n## What the conditions cost\n\n`CONTROLLER.WATCH_OPERATIONS` (COUNT) is how many operations the conditions took in a cycle, \
 `CONTROLLER.WATCH_TIME`\n(NANOSECOND) how long. Both are recorded and watched like any sensor. In simulated time nobody measures: the time is\n\
 unavailable there, because the same seed has to give the same bytes.\n",
@@ -109,7 +120,7 @@ unavailable there, because the same seed has to give the same bytes.\n",
 | T-06 | what makes no sense: names, units and kinds in a condition, several values for one variable, geometry that the file has not | error | event |\n\
 | T-07 | a variable of the machine is written (`sensor:`, `trace:`), by a function, an action or an assignment | error | not written |\n\
 | T-08 | a function that cannot be an action | error | |\n\
-| T-09 | more conditions or firings than the cycle takes | error | what is only recorded goes first, counted |\n\
+| T-09 | more conditions or firings than the cycle takes, more than 100 000 values spread evenly | error | what is only recorded goes first, counted |\n\
 | T-10 | cycles lost on their way to a recording | | counted in the recording |\n\
 | T-11 | not of the level that is needed | refused | refused |\n\
 | T-12 | between two paths of an operation, inside a canned cycle, a contour or a modal call's body | error | |\n",

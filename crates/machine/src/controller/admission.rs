@@ -44,6 +44,7 @@ impl Controller {
     /// Why a command must not be executed after the one before it.
     pub(super) fn objection(&self, command: &Command) -> Option<StopCause> {
         match command {
+            Command::SetPoint(s) if s.tie.is_some_and(|tie| !tie.can_be()) => Some(StopCause::ThreadTooShort),
             Command::SetPoint(s) => (0..3).find_map(|k| {
                 let axis = k as u8;
                 let limits = &self.parameters.axes[k];

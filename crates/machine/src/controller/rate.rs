@@ -101,7 +101,7 @@ impl Controller {
     }
 
     /// Keeps the last three places that were commanded, the newest first.
-    fn leave_trail(&mut self) {
+    pub(super) fn leave_trail(&mut self) {
         self.trail = if self.standing {
             [self.commanded; 3]
         } else {

@@ -175,7 +175,9 @@ impl Controller {
             // The path as it will be when this cycle's step is made: the angle is that of now.
             let path = self.path_here() + planned.path_speed * self.rate * TICK.0;
             let (from, angle) = *self.thread.law.get_or_insert((path, turns_now));
+            // A groove is met again at every whole turn: a pass that stood in the middle goes on in its own.
             let error = path - (from + tie.lead * (turns_now - angle));
+            let error = error - tie.lead * libm::round(error / tie.lead);
             self.thread.error = error;
             let correction = self.thread_gain(planned) * error / planned.path_speed;
             rate -= within(correction, -MOST_CORRECTION, MOST_CORRECTION);

@@ -22,8 +22,8 @@ const SOFTER: f64 = 0.7;
 const HARDER: f64 = 1.4;
 /// How long before its end a stroke is to turn round, turns: what a changing load adds to it goes past the end.
 const BEFORE_END: f64 = 0.05;
-/// Cycles that turning round is foreseen for at most: seconds.
-const LONGEST: u32 = 5000;
+/// Cycles that turning round is foreseen for at most: what takes a spindle longer needs a slower one.
+const LONGEST: u32 = 2000;
 
 /// Turning round at the end of a stroke.
 #[derive(Clone, Copy, Debug)]
@@ -192,12 +192,18 @@ impl Controller {
         };
         let left = ahead.path_at_end - self.path_here();
         let speed = rotation * self.angle.speed;
-        let told = (tie.revolutions, 0.0);
-        let needed = tie.lead * self.turns_to_stop(&tie, &ahead, told, speed);
         let in_a_cycle = tie.speed() * TICK.0;
         let leaves_lead = self
             .next_set_point()
             .is_none_or(|next| !Self::is_at_lead(next.path_speed, &tie));
+        let (a, j) = self.reversal(&tie, ahead.way);
+        // It turns no faster meanwhile, and not for longer than this: no need to look closely.
+        let longest = speed / a + a / j + 3.0 * self.parameters.spindle.response.0;
+        if !stops && !leaves_lead && left > tie.lead * speed.max(tie.revolutions) * longest + 2.0 * in_a_cycle {
+            return;
+        }
+        let told = (tie.revolutions, 0.0);
+        let needed = tie.lead * self.turns_to_stop(&tie, &ahead, told, speed);
         if stops && left < needed {
             // No room to stop with the spindle: the path is stopped on its own.
             return;
@@ -241,6 +247,7 @@ impl Controller {
     /// One cycle of turning round; gives the commanded acceleration, mm/s^2.
     pub(super) fn turn_round(&mut self, mut turn: Turn, cycles: u64) -> [f64; 3] {
         let time = cycles as f64 * TICK.0;
+        self.leave_trail();
         let (tie, rotation) = (turn.tie, turn.rotation);
         let stops = matches!(self.state, State::Stopping(_)) || turn.ahead.spindle.is_none();
         let turns = rotation * self.angle.turns;

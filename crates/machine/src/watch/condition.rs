@@ -224,6 +224,47 @@ fn compare(relation: u8, a: f64, b: f64) -> f64 {
     }
 }
 
+/// How a relation comes out where the one number is below, equal to and above the other: bits 0, 1 and 2.
+const OUTCOMES: [u8; 8] = [0b001, 0b011, 0b100, 0b110, 0b010, 0b101, 0b101, 0b101];
+
+/// Brings the comparisons of a condition to its front, where all of them have to hold and nothing else is in it: the usual condition. Their
+/// order does not matter then. Gives how many there are; 0 for every other condition, which is left as it is.
+pub(super) fn only_comparisons(operations: &mut [Packed]) -> u16 {
+    let is_compare = |packed: &Packed| (COMPARE..RELATE).contains(&(packed.0 as u8));
+    if !operations.iter().all(|packed| is_compare(packed) || packed.0 as u8 == AND) {
+        return 0;
+    }
+    let mut front = 0;
+    for at in 0..operations.len() {
+        if is_compare(&operations[at]) {
+            operations.swap(front, at);
+            front += 1;
+        }
+    }
+    front as u16
+}
+
+/// [`evaluate`] for comparisons that all have to hold, without a branch for each: one that is false decides, and if none is, one that is not
+/// known.
+#[inline]
+pub(super) fn evaluate_all(comparisons: &[Packed], constants: &[f64], values: &[f64; MOST_SIGNALS]) -> f64 {
+    let (mut is_false, mut is_unknown) = (false, false);
+    for Packed(word) in comparisons {
+        let (code, signal, number) = (*word as u8, (*word >> 8) as u8, (*word >> 16) as u16);
+        let a = values[usize::from(signal)];
+        let b = constants.get(usize::from(number)).copied().unwrap_or(f64::NAN);
+        let above = u8::from(a >= b) + u8::from(a > b);
+        let is_known = !a.is_nan() & !b.is_nan();
+        is_false |= is_known & (OUTCOMES[usize::from(code.wrapping_sub(COMPARE) & 7)] >> above & 1 == 0);
+        is_unknown |= !is_known;
+    }
+    match (is_false, is_unknown) {
+        (true, _) => 0.0,
+        (false, true) => f64::NAN,
+        (false, false) => 1.0,
+    }
+}
+
 /// Evaluates what was checked and packed: 1, 0, or not-a-number.
 #[inline]
 pub(super) fn evaluate(
@@ -378,5 +419,56 @@ mod tests {
         assert_eq!(check(&[Alarm(1000)]), Err(BadCondition::Number { at: 0 }));
         assert_eq!(check(&[Truth(true); DEPTH + 1]), Err(BadCondition::TooDeep));
         assert_eq!(check(&[Truth(true); LONGEST + 1]), Err(BadCondition::TooLong));
+    }
+
+    #[test]
+    fn comparisons_that_all_have_to_hold_come_out_as_any_condition_in_whatever_order_they_are_joined() {
+        let relations = [
+            Relation::Less,
+            Relation::LessOrEqual,
+            Relation::Greater,
+            Relation::GreaterOrEqual,
+            Relation::Equal,
+            Relation::NotEqual,
+        ];
+        let readings = [f64::NAN, -1.0, 0.0, -0.0, 2.0, f64::INFINITY];
+        let same = |a: f64, b: f64| a == b || (a.is_nan() && b.is_nan());
+        for first in relations {
+            for second in relations {
+                let joined_last = [
+                    Operation::Compare(0, first, 0.0),
+                    Operation::Compare(1, second, 2.0),
+                    Operation::Compare(0, second, f64::INFINITY),
+                    Operation::And,
+                    Operation::And,
+                ];
+                let joined_each = [joined_last[0], joined_last[1], Operation::And, joined_last[2], Operation::And];
+                for operations in [joined_last, joined_each] {
+                    let mut constants = Vec::new();
+                    let mut packed = operations.map(|operation| {
+                        let place = |value| {
+                            constants.push(value);
+                            Some(constants.len() as u16 - 1)
+                        };
+                        Packed::of(operation, place).expect("room")
+                    });
+                    for x in readings {
+                        for y in readings {
+                            let mut values = [f64::NAN; MOST_SIGNALS];
+                            (values[0], values[1]) = (x, y);
+                            let any = evaluate(&packed, &constants, &values, |_| false);
+                            let mut sorted = packed;
+                            assert_eq!(only_comparisons(&mut sorted), 3);
+                            let all = evaluate_all(&sorted[..3], &constants, &values);
+                            assert!(same(any, all), "{operations:?} of {x} and {y}: {any} and {all}");
+                        }
+                    }
+                    packed[4] = Packed::of(Operation::Or, |_| None).expect("room");
+                    let before = packed.map(|p| p.0);
+                    assert_eq!(only_comparisons(&mut packed), 0);
+                    assert_eq!(packed.map(|p| p.0), before, "another condition is left as it is");
+                }
+            }
+        }
     }
 }

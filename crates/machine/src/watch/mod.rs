@@ -13,7 +13,7 @@ pub use condition::{BadCondition, Operation, Relation};
 pub use signal::{Mode, NO_SENSOR, Readings, SIGNALS, Signal, Situation, WatchCost, signal};
 
 use crate::Ring;
-use condition::{Packed, evaluate};
+use condition::{Packed, evaluate, evaluate_all, only_comparisons};
 use units::{StepId, Tick};
 
 /// Highest number of an alarm of a program.
@@ -209,6 +209,8 @@ pub struct Watches<const CONDITIONS: usize = { self::CONDITIONS }, const OPERATI
 struct Slot {
     first: u32,
     length: u16,
+    /// So many comparisons, all of which have to hold, stand first and are all there is; 0 where it is another condition.
+    comparisons: u16,
     frequency: Frequency,
     all_modes: bool,
     runs: bool,
@@ -227,6 +229,7 @@ struct Slot {
 const EMPTY: Slot = Slot {
     first: 0,
     length: 0,
+    comparisons: 0,
     frequency: Frequency::NoKeyword,
     all_modes: false,
     runs: false,
@@ -357,8 +360,10 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
                 }
             }
         }
+        let comparisons = only_comparisons(&mut self.operations[self.used..end]);
         self.slots[self.loaded] = Slot {
             first: self.used as u32,
+            comparisons,
             length: watch.condition.len() as u16,
             frequency: watch.frequency,
             all_modes: watch.all_modes,
@@ -501,8 +506,13 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
                 let first = slot.first as usize;
                 verdict.operations += u32::from(slot.length);
                 let operations = self.operations.get(first..first + usize::from(slot.length)).unwrap_or(&[]);
-                let alarms = &self.alarms;
-                evaluate(operations, &self.constants, values, |alarm| alarms.is_active(alarm))
+                match operations.get(..usize::from(slot.comparisons)) {
+                    Some(all) if !all.is_empty() => evaluate_all(all, &self.constants, values),
+                    _ => {
+                        let alarms = &self.alarms;
+                        evaluate(operations, &self.constants, values, |alarm| alarms.is_active(alarm))
+                    }
+                }
             };
             if truth.is_nan() {
                 if !core::mem::replace(&mut slot.unknown, true) {
