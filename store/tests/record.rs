@@ -67,8 +67,11 @@ fn machine_like(rows: u64) -> impl Iterator<Item = Sample> {
             spindle_load: 35.0 + noise(0.4),
             spindle_angle: f64::NAN,
             // Every other workingstep is a thread.
-            thread_error: if (t / 30.0) as u32 % 2 == 0 { f64::NAN } else { noise(0.0004) },
-            ..Sample::default()
+            thread_error: if ((t / 30.0) as u32).is_multiple_of(2) {
+                f64::NAN
+            } else {
+                noise(0.0004)
+            },
         }
     })
 }
