@@ -75,6 +75,7 @@ pub enum Command {
     /// a tool offset and the next part is better.
     Demo(DemoArgs),
     /// Check, plan and execute a program, record every cycle, rebuild what happened and report the deviation.
+    #[command(after_help = RUN_HELP)]
     Run(RunArgs),
     /// Pre-run checks of a program, one line each with the number that decided.
     Check(ProgramArgs),
@@ -509,6 +510,15 @@ pub struct PostArgs {
     pub as_interpreted: bool,
 }
 
+const RUN_HELP: &str = "\
+--from takes a workingstep by name ('WS 2 pocket', 'MAIN/WS 2 pocket'), number (2) or instance (#255), or a block of text (N120, line:57);
+'...[2]' picks the second of several. It needs level 5. The tool goes away from the part; tool, set-up, offset, spindle, coolant and what
+functions had begun come back in that order; then across, straight down to 2 mm above the path, and onto it at 10 mm/s. Look that this way
+is free. --resume does the same for a job that was interrupted or stopped, at the step it was on.
+--overrides F has a line for each moment: seconds, then feed=PERCENT, rapid=PERCENT, spindle=PERCENT, hold or resume.
+  toolmark run plate.nc --from N200
+  toolmark run plate.nc --machine tcp://127.0.0.1:7450 --resume last";
+
 /// `toolmark run`
 #[derive(Debug, Args)]
 pub struct RunArgs {
@@ -520,6 +530,27 @@ pub struct RunArgs {
     /// Also put the results here [default: the job's folder in the data directory].
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Take the program up here instead of at its beginning: a workingstep, a block (N120) or a line (line:57).
+    #[arg(long, value_name = "STEP")]
+    pub from: Option<String>,
+    /// Take up the run of this job, by its number or `last`, at the step it was on when it was interrupted.
+    #[arg(long, value_name = "JOB", conflicts_with = "from")]
+    pub resume: Option<String>,
+    /// With tcp://: after a cut the machine may be led straight back to its path at 10 mm/s from so far away, mm.
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    pub approach: Option<f64>,
+    /// Feed override for the whole run, 0 to 200 percent.
+    #[arg(long, value_name = "PCT", allow_negative_numbers = true)]
+    pub feed_override: Option<String>,
+    /// Rapid override for the whole run, 0 to 100 percent.
+    #[arg(long, value_name = "PCT", allow_negative_numbers = true)]
+    pub rapid_override: Option<String>,
+    /// Spindle override for the whole run, 50 to 150 percent.
+    #[arg(long, value_name = "PCT", allow_negative_numbers = true)]
+    pub spindle_override: Option<String>,
+    /// Overrides, holds and resumes at moments of the run; simulated machines of this process only.
+    #[arg(long, value_name = "F")]
+    pub overrides: Option<PathBuf>,
     /// Rebuild from the record thinned as an MTConnect agent would give it: one position every MS milliseconds, times off by up to
     /// JITTER milliseconds.
     #[arg(long, value_name = "MS[,JITTER]")]
@@ -541,7 +572,7 @@ pub struct RunArgs {
     #[arg(long, value_name = "POLICY", value_enum)]
     pub edited_outside: Option<PolicyName>,
     /// Wrong set-up, for practice: the n-th workingstep runs with its work offset shifted by X,Y,Z mm; simulated machines only.
-    #[arg(long, value_name = "N:X,Y,Z")]
+    #[arg(long, value_name = "N:X,Y,Z", conflicts_with_all = ["from", "resume"])]
     pub plant_shift: Option<String>,
 }
 

@@ -2,11 +2,14 @@
 //!
 //! The rebuild reads the record file, not the samples in memory: what the report says is what the file says.
 
+pub use crate::course::{Asked, Course};
 use crate::failure::Failure;
+use crate::foreseen::Foresight;
 use crate::functions::{self, Values};
 use crate::link::driving::{self, Driven};
 use crate::link::remote::{Machine, Remote};
 use crate::live::job::LiveJob;
+use crate::overriding::{Act, Overridden};
 use crate::printed::{self, Printed};
 use crate::program::Program;
 use crate::progress::Progress;
@@ -21,7 +24,8 @@ use cell::{CommandSource, Ended, Fault, OfficeHalf, Operator, Outcome, RecordSin
 use ledger::{Chain, Event, Hash};
 use machine::{Quality, Report, Request, Sample};
 use motion::Trajectory;
-use plan::{Tables, executed::AsExecuted};
+use plan::{ProgramStream, Tables, executed::AsExecuted};
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
@@ -65,6 +69,8 @@ pub struct Order<'a> {
     pub person: serde_json::Value,
     /// What was found at cycle start, for the report.
     pub found: Option<String>,
+    /// How it is run otherwise than from its beginning and as programmed.
+    pub asked: Asked<'a>,
 }
 
 /// What is executed.
@@ -130,6 +136,8 @@ pub struct Run {
     pub printed: Printed,
     /// What only a run on a machine behind the link tells.
     pub driven: Option<Driven>,
+    /// Where it began, how long it took, and what overrides were in force.
+    pub course: Course,
     /// Where its files are.
     pub folder: PathBuf,
 }
@@ -197,7 +205,8 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         values: Values::new(directory.values_folder(job.id), &folder, order.start, pace),
     };
     let mut told = 0;
-    let (outcome, driven) = execute(order, &mut rows, &mut |now, events| {
+    let far = RefCell::new(Foresight::of(order.asked.plan));
+    let (outcome, driven) = execute(order, &far, &mut rows, &mut |now, events| {
         tell_notices(directory, &watch, now)?;
         // What happened is on disk while the job runs: after a power loss the next start can say where it was interrupted.
         let new = &events[told..];
@@ -234,7 +243,10 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
 
     let mut record_read = recording::of_record(&record_path)?;
     if let Some(thinned) = thinned {
-        as_an_agent_saw_it(&mut record_read, &thinned);
+        let first = order.asked.take_up.map_or(StepId::NONE, |(take_up, _)| take_up.at);
+        let begins = record_read.points.iter().find(|point| point.step >= first);
+        let begins = begins.map_or(order.start, |point| point.at);
+        as_an_agent_saw_it(&mut record_read, &thinned, begins);
     }
     // A live job is a program on disk now.
     let written_now;
@@ -249,11 +261,16 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
     functions::results(&events, &mut rebuild.executed);
     let printed = Printed::of(&events);
     rebuild.report.findings.extend(functions::alarms(&printed.functions));
+    let course = Course {
+        restart: order.asked.take_up.map(|(_, told)| told.clone()),
+        time: far.borrow().told(outcome.time).filter(|_| outcome.ended == Ended::Completed),
+        overridden: Overridden::of(&events, outcome.time.0),
+    };
     write_down(
         order,
         program,
         &folder,
-        (&outcome, driven.as_ref()),
+        (&outcome, driven.as_ref(), &course),
         (&record, &gaps),
         (&rebuild, &printed),
     )?;
@@ -283,19 +300,22 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         rebuild,
         printed,
         driven,
+        course,
         folder,
     })
 }
 
-/// Only positions and times are left, as in an agent's stream; what the machine knew about steps and offsets is gone.
-fn as_an_agent_saw_it(record: &mut Recording, thinned: &Thinned) {
+/// Only positions and times are left, as in an agent's stream; what the machine knew about steps and offsets is gone. What is before
+/// `begins` is the way to where a program is taken up.
+fn as_an_agent_saw_it(record: &mut Recording, thinned: &Thinned, begins: Timestamp) {
     let point = |(k, o): (usize, &cell::observe::Observation)| RecordPoint {
         at: o.at,
         position: o.position,
         step: StepId::NONE,
         sequence: k as u64 + 1,
     };
-    record.points = thinned.observations.iter().enumerate().map(point).collect();
+    let seen = thinned.observations.iter().enumerate();
+    record.points = seen.map(point).filter(|point| point.at >= begins).collect();
     record.frame = RecordFrame::Machine;
     record.events.clear();
 }
@@ -303,18 +323,32 @@ fn as_an_agent_saw_it(record: &mut Recording, thinned: &Thinned) {
 /// Keeps the events so far; called with the machine's time now and then.
 type Keep<'a> = dyn FnMut(Timestamp, &[Event]) -> Result<(), Failure> + 'a;
 
-fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Result<(Outcome, Option<Driven>), Failure> {
+/// The program, from where it is taken up.
+fn stream_of<'a>(order: &'a Order<'_>, program: &Program) -> Result<Box<dyn ProgramStream + 'a>, Failure> {
+    let whole = cell::faults::planted(program.stream(&order.tables)?, &order.faults);
+    Ok(match order.asked.take_up {
+        Some((take_up, _)) => Box::new(take_up.stream(whole)?),
+        None => whole,
+    })
+}
+
+fn execute(
+    order: &Order<'_>,
+    far: &RefCell<Foresight<'_>>,
+    rows: &mut RunRows<'_>,
+    keep: &mut Keep<'_>,
+) -> Result<(Outcome, Option<Driven>), Failure> {
     let source: Box<dyn CommandSource + '_> = match order.work {
         Work::Program(program) => {
-            let stream = cell::faults::planted(program.stream(&order.tables)?, &order.faults);
+            let stream = stream_of(order, program)?;
             Box::new(Trajectory::new(stream, order.tables.position, shop::limits(order.machine)))
         }
         Work::Live(job) => Box::new(job.source(order.tables.position, shop::limits(order.machine))),
     };
     match order.drives {
-        Drives::World => execute_here(order, source, rows, keep).map(|outcome| (outcome, None)),
+        Drives::World => execute_here(order, source, far, rows, keep).map(|outcome| (outcome, None)),
         Drives::Behind(remote, machine) => {
-            execute_there(order, (remote, machine), source, rows, keep).map(|(outcome, driven)| (outcome, Some(driven)))
+            execute_there(order, (remote, machine), source, far, rows, keep).map(|(outcome, driven)| (outcome, Some(driven)))
         }
     }
 }
@@ -322,7 +356,7 @@ fn execute(order: &Order<'_>, rows: &mut RunRows<'_>, keep: &mut Keep<'_>) -> Re
 /// What the functions of the program come to; operations of a live job have none.
 fn functions_of(order: &Order<'_>) -> Result<Found, Failure> {
     match order.work {
-        Work::Program(program) => functions::look(program, &order.tables),
+        Work::Program(program) => Ok(functions::look_at(&mut *stream_of(order, program)?, program)),
         Work::Live(_) => Ok(Found::default()),
     }
 }
@@ -339,6 +373,7 @@ fn operator(drives: Drives<'_>) -> Operator {
 fn execute_here(
     order: &Order<'_>,
     source: Box<dyn CommandSource + '_>,
+    far: &RefCell<Foresight<'_>>,
     rows: &mut RunRows<'_>,
     keep: &mut Keep<'_>,
 ) -> Result<Outcome, Failure> {
@@ -357,7 +392,13 @@ fn execute_here(
     let recorder = Functions::new(&config.machine, order.start, functions::known(order), &found);
     let diameters = functions::diameters(&order.tables);
     let world = World::new(config, source).map_err(|e| Failure::unreadable(format_args!("{}: {e}", order.machine.name)))?;
-    let mut world = world.with_functions(&found, recorder, &diameters);
+    let mut world = world
+        .with_functions(&found, recorder, &diameters)
+        .with_start(started_from(order));
+    if let Some(overrides) = order.asked.overriding.constant {
+        world.request(Request::Override(overrides));
+    }
+    let mut script = order.asked.overriding.script.iter().copied().peekable();
     let mut progress = Progress::new("running");
     let mut kept = 0;
     let mut stop_asked = false;
@@ -365,7 +406,16 @@ fn execute_here(
     // As a controller is looked at; what waits for operations waits in real time.
     let stretch = if order.fast { 100 } else { 20 };
     loop {
-        let outcome = world.advance(stretch, rows);
+        while let Some((_, act)) = script.next_if(|(at, _)| *at <= world.now()) {
+            do_act(&mut world, act, operator(order.drives));
+        }
+        // Up to the next whole stretch, or what comes before it.
+        let until = stretch - world.now().0 % stretch;
+        let until = script.peek().map_or(until, |(at, _)| until.min(*at - world.now()));
+        let outcome = world.advance(until, rows);
+        let step = rows.last.map_or(StepId::NONE, |sample| sample.step);
+        let path_length = world.realtime().controller().path_length();
+        far.borrow_mut().at(world.now(), step, path_length);
         // A changed offset is kept before the machine goes on; everything else once in a second.
         let changed = rows.events[kept..].iter().any(|event| event.kind == "register");
         if changed || outcome.is_some() || world.now().0 % 1000 == 0 {
@@ -388,10 +438,29 @@ fn execute_here(
             world.request(Request::Stop);
         }
         let simulated = world.now().seconds();
-        progress.at(|| format!("{} of machine time", minutes(simulated.0)));
+        progress.at(|| format!("{}{} of machine time", far.borrow().words(), minutes(simulated.0)));
         if !order.fast {
             let due = Duration::from_secs_f64(simulated.0);
             std::thread::sleep(due.saturating_sub(began.elapsed()));
+        }
+    }
+}
+
+/// Turns or presses what a script says.
+fn do_act<S: CommandSource>(world: &mut World<'_, S>, act: Act, operator: Operator) {
+    match act {
+        Act::Turn(overrides) => world.request(Request::Override(overrides)),
+        Act::Hold => {
+            // Who has pressed hold stands there until cycle start is pressed.
+            world.attended_by(Operator {
+                cycle_start_after: Some(u64::MAX),
+                ..operator
+            });
+            world.request(Request::Hold);
+        }
+        Act::Resume => {
+            world.attended_by(operator);
+            world.request(Request::CycleStart);
         }
     }
 }
@@ -401,6 +470,7 @@ fn execute_there(
     order: &Order<'_>,
     (remote, machine): (&Remote, &Machine),
     source: Box<dyn CommandSource + '_>,
+    far: &RefCell<Foresight<'_>>,
     rows: &mut RunRows<'_>,
     keep: &mut Keep<'_>,
 ) -> Result<(Outcome, Driven), Failure> {
@@ -422,6 +492,9 @@ fn execute_there(
         stop: order.stop.unwrap_or(&never),
         requests: &|| live.and_then(LiveJob::request),
         loads: tools.chain(conditions).collect(),
+        overrides: order.asked.overriding.constant,
+        approach: order.asked.approach,
+        far,
         watch: &|report: &Report| {
             if let Some(job) = live {
                 job.watch(report);
@@ -429,13 +502,14 @@ fn execute_there(
         },
     };
     let seed = order.seed;
-    let started = cell::events::Detail::from([
+    let mut started = cell::events::Detail::from([
         ("program_sha256".to_owned(), program.into()),
         ("seed".to_owned(), seed.into()),
         ("machine".to_owned(), name.into()),
         ("source".to_owned(), driving::source_word(machine.quality).into()),
         ("controller".to_owned(), remote.address.to_string().into()),
     ]);
+    started.extend(started_from(order));
     let mut kept = 0;
     driving::run(&drive, office, started, rows, &mut |now, rows, last| {
         let changed = rows.events[kept..].iter().any(|event| event.kind == "register");
@@ -445,6 +519,12 @@ fn execute_there(
         }
         Ok(())
     })
+}
+
+/// What the first event of a run says of where it begins.
+fn started_from(order: &Order<'_>) -> cell::events::Detail {
+    let told = order.asked.take_up.and_then(|(_, told)| serde_json::to_value(told).ok());
+    told.map(|told| ("taken_up".to_owned(), told)).into_iter().collect()
 }
 
 /// Says what happened to the recording, to the person and to the log. A full disk does not stop the machine: the part is worth more than
@@ -509,6 +589,10 @@ fn rebuild(
     outcome: &Outcome,
 ) -> Result<Rebuild, Failure> {
     let mut stream = program.stream(tables)?;
+    if let Some((take_up, _)) = order.asked.take_up {
+        // Held against what was to be run: what was left out is not missing, and the way in is nobody's path.
+        stream = Box::new(take_up.stream(stream)?.without_the_way_in());
+    }
     let options = PlanOptions {
         rapid: shop::limits(order.machine).v_max,
         ..PlanOptions::default()
@@ -521,6 +605,10 @@ fn rebuild(
     };
     let mut rebuild = asrun::rebuild(Some(&plan), record, &options);
     rebuild.report.findings.splice(0..0, order.found.clone());
+    if let Some((_, told)) = order.asked.take_up {
+        let lines = std::iter::once(told.line()).chain(told.left_out_line());
+        rebuild.report.findings.splice(0..0, lines);
+    }
     if outcome.ended != Ended::Completed {
         let text = outcome.ended.text();
         rebuild
@@ -536,7 +624,7 @@ fn write_down(
     order: &Order<'_>,
     program: &Program,
     folder: &Path,
-    (outcome, driven): (&Outcome, Option<&Driven>),
+    (outcome, driven, course): (&Outcome, Option<&Driven>, &Course),
     (record, gaps): (&Finished, &[Gap]),
     (rebuild, printed): (&Rebuild, &Printed),
 ) -> Result<(), Failure> {
@@ -554,6 +642,7 @@ fn write_down(
         program: &program.name,
         machine: &order.machine.name,
         driven,
+        course: Some(course),
         ended: Some(outcome.ended.text()),
         provenance: vec![
             ("program SHA-256".into(), program.hash.to_string()),
@@ -654,6 +743,7 @@ mod tests {
                 stop: None,
                 person: serde_json::json!({ "level": 1 }),
                 found: None,
+                asked: Asked::default(),
             };
             let feature = Feature::TurnedDiameter {
                 z_from: Millimetres(-5.0),

@@ -9,7 +9,7 @@ use crate::survey::{Check, State, beforehand, with_code};
 use crate::{say, shop};
 use ledger::{Action, Event, Level};
 use plan::executed::{AsExecuted, ResultValue};
-use plan::{Next, Severity, Tables};
+use plan::{Next, ProgramStream, Severity, Tables};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -26,7 +26,11 @@ use units::{Millimetres, Timestamp, ToolNumber};
 /// # Errors
 /// It cannot be read.
 pub fn look(program: &Program, tables: &Tables) -> Result<Found, Failure> {
-    let mut stream = program.stream(tables)?;
+    Ok(look_at(&mut *program.stream(tables)?, program))
+}
+
+/// The same for the part of a program that a stream gives.
+pub fn look_at(stream: &mut dyn ProgramStream, program: &Program) -> Found {
     let mut survey = Survey::new(&program.name);
     let mut answer = None;
     loop {
@@ -39,10 +43,10 @@ pub fn look(program: &Program, tables: &Tables) -> Result<Found, Failure> {
     }
     let found = survey.finish();
     if found.points.is_empty() {
-        return Ok(found);
+        return found;
     }
     let points = program.step_nc().map(|p| p.named_points()).unwrap_or_default();
-    Ok(found.with_geometry(|name| points.contains_key(name)))
+    found.with_geometry(|name| points.contains_key(name))
 }
 
 /// The lines of a check about functions; `level` is the level of who acts.
@@ -116,7 +120,8 @@ pub fn known(order: &Order<'_>) -> Known {
         operator: {
             let mut operator = object(order.person.clone());
             operator.insert("name".to_owned(), Value::from(order.who));
-            operator.retain(|_, value| value != "");
+            // What says nothing of the person stays out: texts that nobody gave, and that nothing is claimed.
+            operator.retain(|key, value| *value != "" && *value != false && key != "local");
             if !operator.contains_key("role") {
                 operator.insert("role".to_owned(), Value::from("operator"));
             }

@@ -1,10 +1,11 @@
 //! A program looked through before it is run: everything that planning it tells, without moving anything.
 
 use crate::progress::Progress;
-use motion::{Limits, Output, Statistics, Trajectory};
+use machine::{Command, MachineParameters, SpindleCommand};
+use motion::{Limits, Output, RemainingTime, Statistics, Trajectory};
 use plan::{Alarm, Answer, Diagnostic, ProgramStream, Question, StepKind, Tables};
 use std::collections::BTreeMap;
-use units::{Millimetres, Seconds, ToolNumber};
+use units::{Millimetres, Seconds, TICK, ToolNumber};
 
 /// What a look through a program gives.
 pub struct Survey {
@@ -24,10 +25,72 @@ pub struct Survey {
     pub assumed_offsets: Vec<u32>,
     /// Workingsteps begun.
     pub workingsteps: u32,
+    /// How long it takes from each place on: motion, dwells, and what tool changes and the spindle take.
+    pub remaining: RemainingTime,
+}
+
+/// What takes time on a machine beside motion and dwells.
+struct Waits<'m> {
+    machine: &'m MachineParameters,
+    tool: ToolNumber,
+    /// Speed that the spindle was told, rev/min.
+    spindle: f64,
+}
+
+impl Waits<'_> {
+    /// The time of a command as a dwell.
+    fn of(&mut self, command: &Command) -> Option<Command> {
+        let (seconds, step) = match command {
+            Command::Tool { tool, step } if *tool != self.tool => {
+                self.tool = *tool;
+                // A spindle that turned comes back before the program goes on.
+                let again = if self.machine.tool_change_stops_spindle {
+                    self.from_rest(self.spindle)
+                } else {
+                    0.0
+                };
+                (self.machine.tool_change.0 + again, *step)
+            }
+            Command::Spindle { spindle, step } => {
+                let next = match spindle {
+                    SpindleCommand::Stop => 0.0,
+                    SpindleCommand::Clockwise(speed) => speed.0,
+                    SpindleCommand::Counterclockwise(speed) => -speed.0,
+                };
+                let before = std::mem::replace(&mut self.spindle, next);
+                let (from, to) = (self.from_rest(before), self.from_rest(next));
+                let through_rest = before * next < 0.0;
+                (if through_rest { from + to } else { (to - from).abs() }, *step)
+            }
+            _ => return None,
+        };
+        // A cast of a float saturates.
+        let cycles = (seconds / TICK.0).round() as u32;
+        (cycles > 0).then_some(Command::Dwell { cycles, step })
+    }
+
+    /// Time from rest to a speed, s: with all the torque up to where the power ends, with all the power from there.
+    fn from_rest(&self, speed: f64) -> f64 {
+        let spindle = &self.machine.spindle;
+        let speed = speed.abs().min(spindle.highest.0) * std::f64::consts::PI / 30.0;
+        let corner = (spindle.power / spindle.torque).min(speed);
+        let seconds = spindle.inertia * (corner / spindle.torque + (speed * speed - corner * corner) / (2.0 * spindle.power));
+        if seconds.is_finite() { seconds } else { 0.0 }
+    }
 }
 
 /// Looks a program through. Optional stops are passed; a question that only the running machine can answer ends the look with an alarm.
 pub fn survey(stream: Box<dyn ProgramStream + '_>, tables: &Tables, limits: Limits) -> Survey {
+    survey_on(stream, tables, limits, None)
+}
+
+/// The same with what takes time beside the motion on a machine that has this tool in its spindle.
+pub fn survey_on(
+    stream: Box<dyn ProgramStream + '_>,
+    tables: &Tables,
+    limits: Limits,
+    machine: Option<(&MachineParameters, ToolNumber)>,
+) -> Survey {
     let mut progress = Progress::new("planning");
     let mut trajectory = Trajectory::new(stream, tables.position, limits);
     let mut found = Survey {
@@ -39,10 +102,23 @@ pub fn survey(stream: Box<dyn ProgramStream + '_>, tables: &Tables, limits: Limi
         frames: vec![],
         assumed_offsets: vec![],
         workingsteps: 0,
+        remaining: RemainingTime::default(),
     };
     let mut answer = None;
+    let mut waits = machine.map(|(machine, tool)| Waits {
+        machine,
+        tool,
+        spindle: 0.0,
+    });
     loop {
-        match trajectory.next(answer.take()) {
+        let output = trajectory.next(answer.take());
+        found.remaining.add(&output);
+        if let (Output::Command(command), Some(waits)) = (&output, &mut waits)
+            && let Some(wait) = waits.of(command)
+        {
+            found.remaining.add(&Output::Command(wait));
+        }
+        match output {
             Output::Command(machine::Command::SetPoint(point)) => {
                 let p = point.position;
                 let (low, high) = found.reach.get_or_insert((p, p));

@@ -285,6 +285,50 @@ fn a_stop_by_ctrl_c_is_a_controlled_one_and_a_second_driver_is_told_who_drives()
 }
 
 #[test]
+fn a_controller_that_was_away_for_two_seconds_does_not_refuse_its_own_sender() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = machine_file(folder.path(), "");
+    let plate = folder.path().join("plate.nc").display().to_string();
+    std::fs::write(&plate, PLATE.replace("F1500.", "F60.")).expect("written");
+    let controller = Controller::begin(&machine, &[], &folder.path().join("other"));
+    let args = [
+        "run",
+        &plate,
+        "--machine",
+        &controller.address,
+        "--machine-file",
+        &machine,
+        "--json",
+    ];
+    let mut run = toolmark(&args, &folder.path().join("data"))
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("it starts");
+    std::thread::sleep(Duration::from_secs(5));
+    for (signal, then) in [("-STOP", 2000), ("-CONT", 3000)] {
+        let id = controller.child.id().to_string();
+        let sent = Command::new("kill").args([signal, &id]).status();
+        assert!(sent.is_ok_and(|status| status.success()), "kill {signal}");
+        std::thread::sleep(Duration::from_millis(then));
+    }
+    interrupt(&run);
+    let mut text = String::new();
+    run.stdout
+        .take()
+        .expect("piped")
+        .read_to_string(&mut text)
+        .expect("its answer");
+    let code = run.wait().expect("it ends").code();
+    let answer: Value = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}: {text}"));
+    println!("{} {} {}", answer["ended"], answer["text"], answer["driven"]);
+    // How the machine ended is its own: it stood still for longer than even simulated drives wait.
+    assert_eq!(code, Some(1), "{answer}");
+    assert!(["stopped", "fault"].iter().any(|word| answer["ended"] == *word), "{answer}");
+    assert!(answer["driven"]["leases"].as_u64() > Some(1), "{answer}");
+}
+
+#[test]
 fn what_cannot_be_driven_says_why_with_its_exit_code() {
     let folder = tempfile::tempdir().expect("a folder");
     let machine = machine_file(folder.path(), "");

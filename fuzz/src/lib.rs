@@ -14,6 +14,7 @@ pub const TARGETS: &[Target] = &[
     ("apt", targets::apt::run),
     ("gcode", targets::gcode::run),
     ("link_frames", targets::link_frames::run),
+    ("link_order", targets::link_order::run),
     ("link_text", targets::link_text::run),
     ("mtconnect_client", targets::mtconnect_client::run),
     ("mtconnect_document", targets::mtconnect_document::run),

@@ -170,7 +170,8 @@ impl fmt::Display for Interrupted {
         }
         write!(
             f,
-            ". Nothing resumes by itself: look at machine and part before the next start"
+            ". Nothing resumes by itself: look at machine and part before the next start; then toolmark run PROGRAM --resume {} takes it up there",
+            job.id
         )
     }
 }

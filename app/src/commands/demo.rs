@@ -12,7 +12,7 @@ mod two_processes;
 use super::size::{self, Bench, Entering};
 use super::{Done, print_json};
 use crate::cli::{Common, DemoArgs, DisplayUnits};
-use crate::execution::{self, Drives, Order, Run, Work};
+use crate::execution::{self, Asked, Drives, Order, Run, Work};
 use crate::failure::{Exit, Failure};
 use crate::program::{Program, machine_for};
 use crate::survey::minutes;
@@ -363,6 +363,7 @@ impl Story<'_> {
             stop: None,
             person: json!({ "level": ledger::Level::HIGHEST.number(), "authenticated_by": "none" }),
             found: None,
+            asked: Asked::default(),
         };
         execution::run(&order, self.directory, part)
     }

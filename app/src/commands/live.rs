@@ -3,7 +3,7 @@
 use super::run::{Driver, drives_of, tell_outcome};
 use super::{Done, stopped_by_signals, tolerance};
 use crate::cli::{Common, LiveArgs};
-use crate::execution::{Order, Work, run as execute};
+use crate::execution::{Asked, Order, Work, run as execute};
 use crate::failure::{Exit, Failure};
 use crate::live::job::LiveJob;
 use crate::live::program::{LivePlan, write_options};
@@ -41,6 +41,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
         false,
         &format!("live job of {asked}"),
         start,
+        Duration::ZERO,
     )?;
     let machine = &driver.machine;
     let mut directory = shop::data_directory(common)?;
@@ -121,6 +122,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
                 stop: Some(&stop),
                 person: acting.json(),
                 found: None,
+                asked: Asked::default(),
             };
             execute(&order, &mut directory, None)
         })();

@@ -46,17 +46,27 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
     let mut progress = Progress::new("planning");
     let mut setup_from_machine: Transform<Setup, Machine> = Transform::IDENTITY;
     let mut offset: Vector<Machine> = Vector::ZERO;
-    let mut tick = 0u64;
+    let (mut tick, mut rows) = (0u64, 0u64);
     let mut answer = None;
     let alarm = loop {
         match trajectory.next(answer.take()) {
             Output::Command(machine::Command::SetPoint(point)) => {
-                tick += 1;
-                let gauge = Point::<Machine>::from_xyz(point.position);
-                let position = match args.frame {
+                let placed = |gauge: Point<Machine>| match args.frame {
                     FrameName::Machine => gauge.xyz,
                     FrameName::Setup => (setup_from_machine * (gauge - offset)).xyz,
                 };
+                if rows == 0 {
+                    // Where it begins, at rest: with it the path is whole.
+                    let begins = store::trajectory::Point {
+                        position: placed(tables.position),
+                        ..Default::default()
+                    };
+                    writer.write(&begins).map_err(shop::failure)?;
+                    rows += 1;
+                }
+                tick += 1;
+                rows += 1;
+                let position = placed(Point::from_xyz(point.position));
                 let row = store::trajectory::Point {
                     t: tick as f64 * TICK.0,
                     position,
@@ -92,7 +102,7 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
         print_json(&json!({
             "time_s": s.time.0,
             "blocks": s.blocks,
-            "samples": s.samples,
+            "samples": rows,
             "path_length_mm": s.path_length.0,
             "max_deviation_mm": s.max_deviation.0,
             "worst_ratio": { "v": s.worst_speed_ratio, "a": s.worst_acceleration_ratio, "j": s.worst_jerk_ratio },
@@ -111,7 +121,7 @@ pub fn plan(args: &PlanArgs, common: &Common) -> Done {
         ));
         say(&format!(
             "{} set-points in {}; speed up to {:.2} %, acceleration up to {:.2} %{} of the limits, {:.4} mm off the path at most",
-            s.samples,
+            rows,
             args.out.display(),
             100.0 * s.worst_speed_ratio,
             100.0 * s.worst_acceleration_ratio,

@@ -221,13 +221,14 @@ fn tell(args: &PostArgs, common: &Common, about: &str, posted: &Posted, text: &[
         Some(out) => format!("{}: {} lines for {about}", out.display(), posted.lines),
         None => format!("{} lines for {about}", posted.lines),
     }];
+    let width = posted.functions.iter().map(|row| row.name.len()).max().unwrap_or(0).max(28);
     if !posted.functions.is_empty() {
-        lines.push(format!(" {:28} {:16} {:>5}  {}", "function", "grade", "times", "reason"));
+        lines.push(format!(" {:width$} {:16} {:>5}  {}", "function", "grade", "times", "reason"));
     }
     for row in &posted.functions {
         let mark = if row.verified { "" } else { "verify at commissioning: " };
         lines.push(format!(
-            " {:28} {:16} {:>5}  {mark}{}",
+            " {:width$} {:16} {:>5}  {mark}{}",
             row.name,
             row.grade.word(),
             row.count,

@@ -109,6 +109,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
         std::fs::create_dir_all(folder).map_err(|e| Failure::writing(folder, e))?;
         let name = program.as_ref().map_or("", |p| p.name.as_str());
         let page = Page {
+            course: None,
             driven: driven.as_ref(),
             printed: &Printed::default(),
             program: name,

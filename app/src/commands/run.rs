@@ -4,25 +4,28 @@ use super::check::{print, travels, worst};
 use super::{Done, print_json, tolerance};
 use crate::cli::{Common, LinkName, RunArgs};
 use crate::cycle_start::{self, Checked};
-use crate::execution::{Drives, Order, Run, Work, run as execute};
+use crate::execution::{Asked, Drives, Order, Run, Work, run as execute};
 use crate::failure::{Exit, Failure};
 use crate::link::remote::{Machine, Remote};
-use crate::link::text_run::REPORT_PORT;
+use crate::link::text_run::{Begins, REPORT_PORT};
 use crate::link::{address, certificates, driving, text_run};
+use crate::overriding::Overriding;
 use crate::people::{self, Acting};
 use crate::program::{Program, machine_for, named_machine};
-use crate::survey::{Check, State, checks, minutes, survey};
+use crate::survey::{Check, State, checks, minutes, survey, survey_on};
+use crate::taking_up::{self, TakeUp, TakenUp};
 use crate::{clock, functions, report, say, shop};
 use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
 use ledger::{Action, Hash};
 use machine::link::PlanId;
 use motion::Trajectory;
-use plan::Tables;
+use plan::{ProgramStream, Tables};
 use serde_json::json;
 use std::path::Path;
-use store::MachineFile;
-use units::{Point, Seconds, Timestamp};
+use std::time::Duration;
+use store::{DataDirectory, MachineFile};
+use units::{Point, Seconds, Timestamp, ToolNumber};
 
 /// Runs the command.
 ///
@@ -30,6 +33,8 @@ use units::{Point, Seconds, Timestamp};
 /// The program or machine cannot be read, the check fails, or a file cannot be written.
 pub fn run(args: &RunArgs, common: &Common) -> Done {
     let tolerance = tolerance(args.tolerance)?;
+    let overriding = overriding_of(args)?;
+    let approach = approach_of(args, common)?;
     let thinned = args.as_mtconnect.as_deref().map(thinning).transpose()?;
     let shifted = args.plant_shift.as_deref().map(planted_shift).transpose()?;
     let start = clock::start_time(common.start.as_deref())?;
@@ -43,6 +48,11 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let mut program = Program::open(&args.program, common.dialect.as_deref(), named.as_ref())?;
     let asked = people::shown_to_others(common);
     if args.link == LinkName::Text {
+        if !overriding.is_nothing() || approach.is_some() {
+            return Err(Failure::usage(
+                "--link text: the protocol has no word for overrides, nor for a way back to the path; use the default link",
+            ));
+        }
         return run_over_text(args, &mut program, common);
     }
     let driver = Driver::connect(
@@ -51,6 +61,11 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         program.turns(),
         &format!("{} of {asked}", program.name),
         start,
+        if args.resume.is_some() {
+            A_DEAD_DRIVER
+        } else {
+            Duration::ZERO
+        },
     )?;
     let machine = driver.machine.clone();
     let stop = super::stopped_by_signals()?;
@@ -61,12 +76,18 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let who = acting.name.clone();
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
     let mut tables = directory.tables(&machine).map_err(shop::failure)?;
-    driver.place(&mut tables)?;
+    let in_spindle = driver.place(&mut tables)?;
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
 
-    let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
+    let take_up = taken_up(args, &program, &tables, &machine, (&acting, &mut directory), start)?;
+    let found = survey_on(
+        stream_of(&program, &tables, take_up.as_ref())?,
+        &tables,
+        shop::limits(&machine),
+        Some((&shop::parameters(&machine), in_spindle)),
+    );
     let mut all = checks(&found, travels(&machine), &tables);
-    let asked = functions::look(&program, &tables)?;
+    let asked = functions::look_at(&mut *stream_of(&program, &tables, take_up.as_ref())?, &program);
     functions::checks(&asked, acting.level, &mut all);
     if asked.all_modes {
         // One of the reasons below when it is refused; here it comes into the log.
@@ -98,6 +119,10 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         shop::notice(sentence);
     }
     let faults = shifted.map(planted).into_iter().collect();
+    let told = take_up
+        .as_ref()
+        .map(|take_up| tell_take_up(take_up, &program, &tables, (&acting, &mut directory), start))
+        .transpose()?;
     let order = Order {
         work: Work::Program(&program),
         machine: &machine,
@@ -114,8 +139,14 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         stop: Some(&stop),
         person: acting.json(),
         found: edited.clone(),
+        asked: Asked {
+            take_up: take_up.as_ref().zip(told.as_ref()),
+            overriding,
+            plan: Some(&found.remaining),
+            approach,
+        },
     };
-    let done = execute(&order, &mut directory, None)?;
+    let done = execute(&order, &mut directory, None).map_err(|failure| and_how_to_go_on(failure, args, behind))?;
     tell_outcome(&done, &program.name, &machine, &all, (&acting, edited.as_deref()), common)
 }
 
@@ -131,6 +162,126 @@ fn check_passed(all: &[Check]) -> Result<(), Failure> {
         why.join("; ")
     )))
 }
+
+/// The program, from where it is taken up.
+fn stream_of<'a>(
+    program: &'a Program,
+    tables: &Tables,
+    take_up: Option<&TakeUp>,
+) -> Result<Box<dyn ProgramStream + 'a>, Failure> {
+    let whole = program.stream(tables)?;
+    Ok(match take_up {
+        Some(take_up) => Box::new(take_up.stream(whole)?),
+        None => whole,
+    })
+}
+
+/// Where the program is taken up, if it is: only by somebody who may. A run that begins at the beginning is told what was left before.
+fn taken_up(
+    args: &RunArgs,
+    program: &Program,
+    tables: &Tables,
+    machine: &MachineFile,
+    (acting, directory): (&Acting, &mut DataDirectory),
+    start: Timestamp,
+) -> Result<Option<TakeUp>, Failure> {
+    if args.from.is_some() || args.resume.is_some() {
+        acting.must(Action::Restart, directory, start)?;
+    }
+    let found = match (&args.from, &args.resume) {
+        (Some(step), _) => taking_up::from(step, program, tables, machine)?,
+        (None, Some(job)) => taking_up::resumed(job, program, tables, machine, directory)?,
+        (None, None) => {
+            if let Some(left) = taking_up::left_over(program, tables, machine, directory)? {
+                shop::notice(&left);
+            }
+            return Ok(None);
+        }
+    };
+    if found.is_none() {
+        shop::notice("nothing moves before that step: the program is run from its beginning");
+    }
+    Ok(found)
+}
+
+/// Tells the log and the person where the program is taken up.
+fn tell_take_up(
+    take_up: &TakeUp,
+    program: &Program,
+    tables: &Tables,
+    (acting, directory): (&Acting, &mut DataDirectory),
+    start: Timestamp,
+) -> Result<TakenUp, Failure> {
+    let told = take_up.told(program.stream(tables)?, acting)?;
+    let mut detail = acting.detail();
+    detail.insert("program".to_owned(), program.name.as_str().into());
+    detail.insert("program_sha256".to_owned(), program.hash.to_string().into());
+    detail.insert("at".to_owned(), told.at.as_str().into());
+    detail.insert("step".to_owned(), told.step.into());
+    detail.insert("after_job".to_owned(), told.after_job.into());
+    detail.insert("restored".to_owned(), told.restored.clone().into());
+    detail.insert("left_out".to_owned(), told.left_out.clone().into());
+    directory
+        .append(start, Action::Restart.word(), detail)
+        .map_err(shop::failure)?;
+    shop::notice(&told.line());
+    if let Some(left_out) = told.left_out_line() {
+        shop::notice(&left_out);
+    }
+    Ok(told)
+}
+
+/// A run that its machine was lost to is taken up by another one.
+fn and_how_to_go_on(mut failure: Failure, args: &RunArgs, behind: bool) -> Failure {
+    if behind && failure.exit == Exit::Machine {
+        failure.message += &format!(
+            "\nnothing resumes by itself: when the machine is there again, look at it and at the part; then toolmark run {} with the same \
+             machine and --resume last takes the job up where it was",
+            args.program.display()
+        );
+    }
+    failure
+}
+
+/// Overrides and holds that the command line asks for.
+fn overriding_of(args: &RunArgs) -> Result<Overriding, Failure> {
+    let overriding = Overriding::of(
+        args.feed_override.as_deref(),
+        args.rapid_override.as_deref(),
+        args.spindle_override.as_deref(),
+        args.overrides.as_deref(),
+    )?;
+    let is_zero = overriding.constant.is_some_and(|o| o.feed == 0 || o.rapid == 0);
+    if is_zero && overriding.script.is_empty() {
+        return Err(Failure::usage(
+            "an override of 0 % for the whole run never comes to its end; turn it up later with --overrides F, or use hold and resume there",
+        ));
+    }
+    Ok(overriding)
+}
+
+/// How far from its path the machine may be led back.
+fn approach_of(args: &RunArgs, common: &Common) -> Result<Option<f64>, Failure> {
+    let behind = address::is_address(&common.machine);
+    if args.overrides.is_some() && behind {
+        return Err(Failure::usage(
+            "--overrides is a script for simulated runs in this process; a machine behind tcp:// has its own switches, and --feed-override holds for a whole run",
+        ));
+    }
+    match args.approach {
+        None => Ok(None),
+        Some(_) if !behind => Err(Failure::usage("--approach is for a machine behind tcp://")),
+        Some(distance) if distance > 0.0 && distance <= MOST_APPROACH => Ok(Some(distance)),
+        Some(distance) => Err(Failure::usage(format_args!(
+            "--approach {distance}: a length above 0 and up to {MOST_APPROACH} mm was expected; from further away --resume takes the job up from above"
+        ))),
+    }
+}
+
+/// A controller keeps the machine for a run that died for five seconds.
+const A_DEAD_DRIVER: Duration = Duration::from_secs(8);
+/// From further away than this nobody is led straight back to a path, mm.
+const MOST_APPROACH: f64 = 100.0;
 
 /// A run over the published text protocol: the plan goes out, and the record is the controller's.
 fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done {
@@ -152,9 +303,11 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
     directory.take_over(&machine, &acting.name, start).map_err(shop::failure)?;
     let tables = directory.tables(&machine).map_err(shop::failure)?;
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
-    let found = survey(program.stream(&tables)?, &tables, shop::limits(&machine));
+    let take_up = taken_up(args, program, &tables, &machine, (&acting, &mut directory), start)?;
+    let stream = || stream_of(program, &tables, take_up.as_ref());
+    let found = survey(stream()?, &tables, shop::limits(&machine));
     let mut all = checks(&found, travels(&machine), &tables);
-    functions::checks_of_text_link(&functions::look(program, &tables)?, &mut all);
+    functions::checks_of_text_link(&functions::look_at(&mut *stream()?, program), &mut all);
     if !common.json {
         all.iter().filter(|c| c.state != State::Ok).for_each(print);
     }
@@ -165,10 +318,19 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
         .iter()
         .map(|(n, tool)| (n.0, tool.geometry.0.xyz[2] + tool.wear.0.xyz[2]))
         .collect();
-    let mut source = Trajectory::new(program.stream(&tables)?, tables.position, shop::limits(&machine));
+    let told = take_up
+        .as_ref()
+        .map(|take_up| tell_take_up(take_up, program, &tables, (&acting, &mut directory), start))
+        .transpose()?;
+    let mut source = Trajectory::new(stream()?, tables.position, shop::limits(&machine));
     let port = args.report_port.or(machine.link.report_port).unwrap_or(REPORT_PORT);
     let address = address::read(&common.machine)?;
-    let done = text_run::run(&address, port, &shop::parameters(&machine), lengths, &mut source, &stop)?;
+    let begins = match &take_up {
+        Some(take_up) => Begins::AtHome(take_up.stream(program.stream(&tables)?)?.tool()),
+        None => Begins::Here,
+    };
+    let parameters = shop::parameters(&machine);
+    let done = text_run::run(&address, port, (&parameters, begins), lengths, &mut source, &stop)?;
     let losses = done.losses.lines();
     if common.json {
         print_json(&json!({
@@ -179,6 +341,7 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
             "commands": done.commands,
             "told": done.told,
             "losses": losses,
+            "restart": told,
             "checks": all,
         }))?;
     } else {
@@ -223,11 +386,19 @@ pub fn drives_of(driver: &Driver) -> Drives<'_> {
 }
 
 impl Driver {
-    /// The machine that `--machine` means; a controller is connected to, as `name`.
+    /// The machine that `--machine` means; a controller is connected to, as `name`. Another one that drives it is waited for as long as
+    /// `patience`.
     ///
     /// # Errors
     /// The machine file cannot be read, nobody answers, or the controller's machine is another one.
-    pub fn connect(common: &Common, file: Option<&Path>, turns: bool, name: &str, start: Timestamp) -> Result<Driver, Failure> {
+    pub fn connect(
+        common: &Common,
+        file: Option<&Path>,
+        turns: bool,
+        name: &str,
+        start: Timestamp,
+        patience: Duration,
+    ) -> Result<Driver, Failure> {
         if !address::is_address(&common.machine) {
             if file.is_some() {
                 return Err(Failure::usage(
@@ -244,7 +415,7 @@ impl Driver {
         // Each run is a plan of its own: it begins where the machine stands now.
         let plan = Hash::of(format!("{name} {}", start.0).as_bytes());
         let plan = PlanId(plan.0);
-        let connected = Remote::connect(&address, client, name, plan, &shop::parameters(&machine));
+        let connected = Remote::connect(&address, client, name, plan, &shop::parameters(&machine), patience);
         let (remote, found) = connected.map_err(|mut failure| {
             if failure.message.contains("other limits") {
                 let kind = if turns { "program turns" } else { "program mills" };
@@ -267,16 +438,17 @@ impl Driver {
         })
     }
 
-    /// Puts the place where the machine stands into the tables: that is where a plan begins.
+    /// Puts the place where the machine stands into the tables: that is where a plan begins. Gives the tool that it has.
     ///
     /// # Errors
     /// The machine does not become ready.
-    pub fn place(&self, tables: &mut Tables) -> Result<(), Failure> {
-        if let Some((remote, _)) = &self.behind {
-            let report = driving::make_ready(remote)?;
-            tables.position = Point::from_xyz(report.sample.commanded);
-        }
-        Ok(())
+    pub fn place(&self, tables: &mut Tables) -> Result<ToolNumber, Failure> {
+        let Some((remote, _)) = &self.behind else {
+            return Ok(ToolNumber(0));
+        };
+        let report = driving::make_ready(remote)?;
+        tables.position = Point::from_xyz(report.sample.commanded);
+        Ok(report.sample.tool)
     }
 
     /// True when nothing of it is real.
@@ -312,6 +484,11 @@ pub fn tell_outcome(
             "report": done.rebuild.report,
             "printed": done.printed.lines,
             "driven": done.driven,
+            "restart": done.course.restart,
+            "time": done.course.time,
+            "overrides": done.course.overridden.overrides,
+            "holds": done.course.overridden.holds,
+            "held_s": done.course.overridden.held_s,
             "functions": done.printed.functions,
             "by": acting.json(),
             "edited_outside": edited,
@@ -328,6 +505,7 @@ pub fn tell_outcome(
         if let Some(driven) = &done.driven {
             driven.lines().iter().for_each(|line| say(&format!("  {line}")));
         }
+        done.course.lines().iter().for_each(|line| say(&format!("  {line}")));
         for gap in &done.gaps {
             say(&format!("warning: the record has a gap: {gap}"));
         }

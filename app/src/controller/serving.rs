@@ -72,8 +72,14 @@ pub fn serve(
             let read = socket.read(&mut bytes);
             receiver.receive(connection, now, &bytes);
             if read.is_err() {
+                // Before the next one is heard: when this process was away its sender has tried again and again, and each try would find
+                // the one before still there and be refused.
+                receiver.disconnected(connection, now);
                 gone.push(connection);
             }
+        }
+        for connection in gone.drain(..) {
+            sockets.remove(&connection).into_iter().for_each(Socket::close);
         }
         receiver.pass(now);
         while let Some(order) = urgent.take().or_else(|| receiver.urgent()) {

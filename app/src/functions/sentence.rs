@@ -24,17 +24,19 @@ pub fn of(detail: &BTreeMap<String, Value>) -> String {
             _ => {}
         }
     }
-    for action in rest.remove("actions").and_then(Value::as_array).into_iter().flatten() {
-        let inner: BTreeMap<String, Value> = action.as_object().cloned().unwrap_or_default().into_iter().collect();
-        let name = inner.get("function").map_or_else(String::new, plain);
-        parts.push(format!("{name}: {}", of(&inner)));
-    }
+    let actions = rest.remove("actions").and_then(Value::as_array);
     // A measurement of this run is as good as the run, which says at the top what it is.
     rest.retain(|key, value| *key != "quality" || !["ok", "simulated"].contains(&value.as_str().unwrap_or_default()));
     for (key, value) in rest {
         parts.push(format!("{} {}", key.replace('_', " "), members(value)));
     }
-    parts.join(", ")
+    let mut sentence = parts.join(", ");
+    for action in actions.into_iter().flatten() {
+        let inner: BTreeMap<String, Value> = action.as_object().cloned().unwrap_or_default().into_iter().collect();
+        let name = inner.get("function").map_or_else(String::new, plain);
+        sentence += &format!("; {name}: {}", of(&inner));
+    }
+    sentence
 }
 
 type Rest<'d> = BTreeMap<&'d str, &'d Value>;
@@ -43,9 +45,13 @@ type Rest<'d> = BTreeMap<&'d str, &'d Value>;
 fn first(rest: &mut Rest<'_>, parts: &mut Vec<String>) {
     let mut take = |key: &str| rest.remove(key).map(plain);
     parts.extend(take("error"));
-    if let Some(id) = take("id") {
-        let run = take("run").map_or_else(String::new, |run| format!(" (run {run})"));
-        parts.push(format!("id {id}{run}"));
+    match (take("id"), take("run")) {
+        // Values along a path have no id of their own.
+        (Some(id), Some(run)) if id.starts_with("get_") && id.ends_with(&format!(" {run}")) => parts.push(format!("run {run}")),
+        (Some(id), Some(run)) => parts.push(format!("id {id} (run {run})")),
+        (Some(id), None) => parts.push(format!("id {id}")),
+        (None, Some(run)) => parts.push(format!("run {run}")),
+        (None, None) => {}
     }
     parts.extend(take("alarm").map(|alarm| format!("alarm {alarm}")));
     parts.extend(take("state"));
@@ -220,8 +226,8 @@ mod tests {
                         { "stream": "X.LOAD", "value": 12.50004, "unit": "PERCENT", "quality": "simulated" },
                         { "stream": "TOOL.TEMPERATURE", "unit": "CELSIUS", "quality": "unavailable" } ] },
                     { "function": "set_alarm", "alarm": 1, "text": "over_time", "state": "set", "reaction": "feed_hold" } ] }),
-            "id 1, fired, WHEN ws_time > 5 s, condition in cycle 5001, fired once, read_sensor_value: X.LOAD 12.5 %, \
-             TOOL.TEMPERATURE unavailable, set_alarm: alarm 1, set, 'over_time', feed hold",
+            "id 1, fired, WHEN ws_time > 5 s, condition in cycle 5001, fired once; read_sensor_value: X.LOAD 12.5 %, \
+             TOOL.TEMPERATURE unavailable; set_alarm: alarm 1, set, 'over_time', feed hold",
         );
     }
 

@@ -5,6 +5,7 @@ use super::driven::{OnLink, Watched};
 use super::own_count::OwnCount;
 use super::remote::{Heard, Remote};
 use crate::failure::Failure;
+use crate::foreseen::Foresight;
 use crate::progress::Progress;
 use crate::survey::minutes;
 use cell::events::Detail;
@@ -14,11 +15,12 @@ use cell::sink::RunDigest;
 use cell::{CommandSource, OfficeHalf, RecordSink};
 use ledger::Event;
 use machine::watch::{Firing, LoadError};
-use machine::{Counters, Quality, Report, Request, Sample, State};
+use machine::{Counters, Overrides, Quality, Report, Request, Sample, State};
+use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use trace::record::{Row, Stream};
-use units::Tick;
+use units::{StepId, Tick};
 
 /// How often the planner gives more, when reports come more seldom.
 const LOOK: Duration = Duration::from_millis(5);
@@ -46,6 +48,8 @@ pub fn make_ready(remote: &Remote) -> Result<Report, Failure> {
                 None
             }
             Some(State::Off) => Some(Request::PowerOn),
+            // What a run left that died, or another one that was held: it is given up, by who starts a new one.
+            Some(State::Held | State::Paused) => Some(Request::Stop),
             Some(state) if state.needs_a_person() && state != State::EmergencyStop => Some(Request::Reset),
             _ => None,
         };
@@ -67,7 +71,7 @@ pub fn make_ready(remote: &Remote) -> Result<Report, Failure> {
 }
 
 /// What a run on a link needs beside the office half.
-pub struct Drive<'a> {
+pub struct Drive<'a, 'p> {
     /// The link.
     pub remote: &'a Remote,
     /// A person wants the machine to stop.
@@ -76,6 +80,12 @@ pub struct Drive<'a> {
     pub requests: &'a dyn Fn() -> Option<Request>,
     /// What the machine is to know before anything moves: the program's conditions, numbered from 0, and the diameters of its tools.
     pub loads: Vec<Load>,
+    /// Overrides for the whole run; what was in force before comes back at its end.
+    pub overrides: Option<Overrides>,
+    /// How far from the path the machine may be led back to it by itself, mm.
+    pub approach: Option<f64>,
+    /// How far the run is on its plan.
+    pub far: &'a RefCell<Foresight<'p>>,
     /// Hears of every cycle.
     pub watch: &'a dyn Fn(&Report),
 }
@@ -130,7 +140,7 @@ pub type Keep<'k, K> = dyn FnMut(Tick, &mut K, bool) -> Result<(), Failure> + 'k
 /// # Errors
 /// The link is over for good, or something could not be kept.
 pub fn run<S: CommandSource, K: RecordSink>(
-    drive: &Drive<'_>,
+    drive: &Drive<'_, '_>,
     mut office: OfficeHalf<'_, S>,
     started: Detail,
     sink: &mut K,
@@ -138,6 +148,10 @@ pub fn run<S: CommandSource, K: RecordSink>(
 ) -> Result<(Outcome, Driven), Failure> {
     let remote = drive.remote;
     load(remote, &drive.loads)?;
+    if let Some(distance) = drive.approach {
+        remote.allow_approach(distance);
+    }
+    let overrides = drive.overrides.map(|wanted| Turned::to(remote, wanted)).transpose()?;
     remote.begin_record();
     let mut seen = Seen::new(sink);
     office.tell("job-started", Tick(0), started, &mut seen);
@@ -145,6 +159,7 @@ pub fn run<S: CommandSource, K: RecordSink>(
     let mut own = OwnCount::default();
     let mut now = Tick(0);
     let mut stop_asked = false;
+    let mut told_displaced = false;
     let mut kept_at = 0;
     // The machine has what the office wants loaded, and has not answered yet.
     let mut loading = false;
@@ -194,16 +209,31 @@ pub fn run<S: CommandSource, K: RecordSink>(
             kept_at = now.0;
             keep(now, seen.sink, ended)?;
         }
-        let depth = remote.status().0.ahead;
+        let status = remote.status().0;
+        let step = seen.last.map_or(StepId::NONE, |sample| sample.step);
+        drive.far.borrow_mut().at(now, step, status.path_length);
+        match status.displaced {
+            Some(distance) if !told_displaced => {
+                told_displaced = true;
+                eprintln!("notice: {}", displaced(distance));
+            }
+            None => told_displaced = false,
+            _ => {}
+        }
+        let depth = status.ahead;
         progress.at(|| {
             format!(
-                "{} of machine time, buffer {depth} ms, following error {:.4} mm, {} late ticks",
+                "{}{} of machine time, buffer {depth} ms, following error {:.4} mm, {} late ticks",
+                drive.far.borrow().words(),
                 minutes(now.seconds().0),
                 seen.watched.worst_following_error(),
                 seen.counters.late_ticks
             )
         });
         if let Some(ended) = office.ended() {
+            if let Some(overrides) = overrides {
+                overrides.back(remote);
+            }
             let (status, cuts) = remote.status();
             let ticks = Tick(now.0 + 1);
             let outcome = Outcome {
@@ -230,11 +260,55 @@ pub fn run<S: CommandSource, K: RecordSink>(
     }
 }
 
+/// What is said when the machine stands beside its path and does not go back by itself.
+fn displaced(distance: f64) -> String {
+    format!(
+        "the machine stands {distance:.2} mm from its path and does not go on. Look at what lies between. Then stop this run (Ctrl-C) and take \
+         the job up from above with toolmark run ... --resume last; or run with --approach {}, which lets it go straight back at 10 mm/s \
+         from so far away",
+        (distance + 1.0).ceil()
+    )
+}
+
+/// Overrides of the machine that were turned for a run.
+struct Turned {
+    before: Overrides,
+}
+
+impl Turned {
+    /// Turns them, and waits until they are in force.
+    fn to(remote: &Remote, wanted: Overrides) -> Result<Turned, Failure> {
+        let asked = Instant::now();
+        let before = remote
+            .last_report()?
+            .map_or_else(Overrides::default, |report| report.overrides);
+        remote.request(Request::Override(wanted));
+        while remote
+            .last_report()?
+            .is_none_or(|report| report.overrides != wanted.limited())
+        {
+            if asked.elapsed() > BECOMING_READY {
+                return Err(Failure::machine(format_args!(
+                    "{}: the machine does not take the overrides; nothing was moved",
+                    remote.address
+                )));
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        Ok(Turned { before })
+    }
+
+    fn back(self, remote: &Remote) {
+        remote.request(Request::Override(self.before));
+    }
+}
+
 /// The caller's sink, with the run looking on.
 struct Seen<'s, K> {
     sink: &'s mut K,
     digest: RunDigest,
     samples: u64,
+    last: Option<Sample>,
     counters: Counters,
     watched: Watched,
 }
@@ -245,6 +319,7 @@ impl<'s, K> Seen<'s, K> {
             sink,
             digest: RunDigest::default(),
             samples: 0,
+            last: None,
             counters: Counters::default(),
             watched: Watched::default(),
         }
@@ -252,6 +327,7 @@ impl<'s, K> Seen<'s, K> {
 
     fn report(&mut self, report: &Report, depth: u64) {
         self.counters = report.counters;
+        self.last = Some(report.sample);
         self.watched.see(&report.sample, report.state == State::Running, depth);
     }
 }

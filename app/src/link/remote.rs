@@ -8,6 +8,7 @@ use super::certificates::Client;
 use super::socket::Socket;
 use crate::failure::Failure;
 use cell::link::{LinkError, LinkSender, Load, SenderStatus};
+use machine::link::message::Refusal;
 use machine::link::{Loaded, PlanId};
 use machine::watch::Firing;
 use machine::{Command, MachineParameters, Quality, Report, Request};
@@ -73,6 +74,8 @@ struct Shared {
     last: Option<Report>,
     /// Every report is wanted from here on.
     recording: bool,
+    /// How far from the path the machine may be led back to it, mm.
+    approach: f64,
     /// Nobody wants anything of the machine any more.
     over: bool,
 }
@@ -93,6 +96,7 @@ pub struct Remote {
 
 impl Remote {
     /// Connects, and waits until the controller has said who it is. `name` is what another one will read who wants to drive the machine too.
+    /// Another one is waited for as long as `patience`: one that died has the machine for some seconds yet.
     ///
     /// # Errors
     /// Nobody answers, the controller takes somebody else's set-points, or it is another machine than `parameters` say.
@@ -102,6 +106,7 @@ impl Remote {
         name: &str,
         plan: PlanId,
         parameters: &MachineParameters,
+        patience: Duration,
     ) -> Result<(Remote, Machine), Failure> {
         let to = address.resolve()?;
         let (commands, from_commands) = sync_channel(COMMANDS);
@@ -121,6 +126,7 @@ impl Remote {
             reports: to_reports,
             shared: Arc::clone(&shared),
             began: Instant::now(),
+            patience,
             heard_of: None,
             linked: false,
             cut_at: None,
@@ -141,7 +147,7 @@ impl Remote {
             thread: Some(thread),
             address: address.clone(),
         };
-        let until = Instant::now() + CONNECT + GREETING;
+        let until = Instant::now() + CONNECT + GREETING + patience;
         loop {
             let (machine, ended) = {
                 let shared = remote.lock();
@@ -175,6 +181,11 @@ impl Remote {
     /// Asks for something. Sixty-four requests that nobody has taken are enough: the rest is dropped, and the caller asks again.
     pub fn request(&self, request: Request) {
         let _ = self.requests.try_send(request);
+    }
+
+    /// Lets the machine go back to its path straight and slowly from so far away, mm, when a person gives cycle start after a stop.
+    pub fn allow_approach(&self, distance: f64) {
+        self.lock().approach = distance;
     }
 
     /// Gives the machine a condition or a tool to know.
@@ -280,6 +291,8 @@ struct Speaker {
     reports: SyncSender<Heard>,
     shared: Arc<Mutex<Shared>>,
     began: Instant,
+    /// How long another one that drives the machine is waited for.
+    patience: Duration,
     /// When the controller was there last; `None` before it was.
     heard_of: Option<Instant>,
     /// The present connection has the lease.
@@ -304,6 +317,7 @@ impl Speaker {
             match self.connected() {
                 Ok(socket) => match self.on(socket) {
                     Ok(()) => break None,
+                    Err(why) if why.is_busy && self.began.elapsed() < self.patience => self.sender.disconnected(self.now()),
                     Err(why) if why.is_final => break Some(why.text),
                     // Before it ever answered there is nothing to come back to.
                     Err(why) if self.heard_of.is_none() => break Some(why.text),
@@ -383,6 +397,7 @@ impl Speaker {
         let wrong = |text: &str| {
             Err(Cut {
                 is_final: true,
+                is_busy: false,
                 text: text.to_owned(),
             })
         };
@@ -440,6 +455,8 @@ impl Speaker {
         while let Ok(request) = self.requests.try_recv() {
             self.sender.request(request);
         }
+        let approach = self.lock().approach;
+        self.sender.allow_approach(approach);
         if !self.over && self.lock().over {
             self.over = true;
             self.sender.finish();
@@ -479,6 +496,8 @@ impl Speaker {
 /// Why a connection ended.
 struct Cut {
     is_final: bool,
+    /// Another one drives the machine.
+    is_busy: bool,
     text: String,
 }
 
@@ -486,6 +505,7 @@ impl From<LinkError> for Cut {
     fn from(error: LinkError) -> Self {
         Cut {
             is_final: error.is_final(),
+            is_busy: matches!(error, LinkError::Refused(Refusal::Busy { .. })),
             text: error.to_string(),
         }
     }
@@ -495,6 +515,7 @@ impl From<std::io::Error> for Cut {
     fn from(error: std::io::Error) -> Self {
         Cut {
             is_final: false,
+            is_busy: false,
             text: error.to_string(),
         }
     }

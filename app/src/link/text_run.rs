@@ -9,14 +9,14 @@ use crate::failure::Failure;
 use crate::progress::Progress;
 use cell::link::{Losses, TextSender};
 use cell::{CommandSource, Output};
-use machine::link::text::Told;
+use machine::link::text::{Line, Told};
 use machine::{Command, MachineParameters, Request};
 use plan::{Answer, Question};
 use std::collections::BTreeMap;
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
-use units::Tick;
+use units::{Tick, ToolNumber};
 
 /// How often the loop looks.
 const LOOK: Duration = Duration::from_millis(1);
@@ -42,6 +42,16 @@ pub struct TextRun {
     pub ended: Option<String>,
 }
 
+/// Where a run over the text protocol begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Begins {
+    /// Where the machine is taken to stand, with whatever tool.
+    Here,
+    /// At home, with this tool and its length in force: a run before may have left the machine anywhere, and nothing in the protocol tells
+    /// where.
+    AtHome(Option<ToolNumber>),
+}
+
 /// Sends a plan.
 ///
 /// # Errors
@@ -49,7 +59,7 @@ pub struct TextRun {
 pub fn run(
     address: &Address,
     report_port: u16,
-    parameters: &MachineParameters,
+    (parameters, begins): (&MachineParameters, Begins),
     lengths: BTreeMap<u32, f64>,
     source: &mut dyn CommandSource,
     stop: &AtomicBool,
@@ -79,7 +89,17 @@ pub fn run(
     let stream = TcpStream::connect_timeout(&here[0], CONNECT).map_err(failed)?;
     let mut socket = Socket::new(stream, None).map_err(failed)?;
     let mut back: Option<Socket> = None;
-    let mut sender = TextSender::new(parameters, lengths);
+    let mut sender = TextSender::new(parameters, lengths.clone());
+    if let Begins::AtHome(tool) = begins {
+        let mut ends = Ends {
+            socket: &mut socket,
+            reports: &reports,
+            back: &mut back,
+            stop,
+        };
+        let length = ends.bring_home(address, &mut sender, tool)?;
+        sender = TextSender::new(parameters, lengths).with_length(length);
+    }
     let mut run = TextRun::default();
     let (mut waiting, mut over, mut answer): (Option<Command>, bool, Option<Answer>) = (None, false, None);
     let mut progress = Progress::new("sending");
@@ -192,6 +212,104 @@ pub fn run(
     socket.close();
     (run.lines, run.commands, run.losses) = (sender.lines(), sender.sent(), sender.losses().clone());
     Ok(run)
+}
+
+/// The two connections before a run.
+struct Ends<'a> {
+    socket: &'a mut Socket,
+    reports: &'a TcpListener,
+    back: &'a mut Option<Socket>,
+    stop: &'a AtomicBool,
+}
+
+/// How often the machine is asked to go home: after a stop it waits for a person, and does not hear it.
+const ASKED_HOME: u32 = 6;
+/// How long the machine may take for `M1` and `M0` alone.
+const BEGIN_AND_END: Duration = Duration::from_millis(700);
+/// And for the way home, or a tool change, before it is asked again.
+const WAY_HOME: Duration = Duration::from_secs(6);
+
+impl Ends<'_> {
+    /// Takes the machine home, changes the tool there and takes it home again; gives the length that is in force then. So neither the place
+    /// nor the tool of the run before matters.
+    fn bring_home(&mut self, address: &Address, sender: &mut TextSender, tool: Option<ToolNumber>) -> Result<u32, Failure> {
+        self.home(address, sender, &[Line::MachiningBegins, Line::MachiningEnds])?;
+        let Some(tool) = tool else { return Ok(0) };
+        let line = sender.tool_line(tool);
+        let length = match line {
+            Line::Tool { length, .. } => length,
+            _ => 0,
+        };
+        let change = [
+            Line::MachiningBegins,
+            Line::OperationBegins { coolant: false },
+            line,
+            Line::OperationEnds,
+            Line::MachiningEnds,
+        ];
+        self.home(address, sender, &change)?;
+        Ok(length)
+    }
+
+    /// Says `before`, and asks for home until the machine says that it is there.
+    fn home(&mut self, address: &Address, sender: &mut TextSender, before: &[Line]) -> Result<(), Failure> {
+        for _ in 0..ASKED_HOME {
+            self.say(address, before)?;
+            self.hear(address, sender, BEGIN_AND_END)?;
+            self.say(address, &[Line::Home])?;
+            if self.hear(address, sender, WAY_HOME)? {
+                return Ok(());
+            }
+        }
+        Err(Failure::machine(format_args!(
+            "{address}: the machine does not say that it is at home: look at it, and reset it if it stopped; nothing was machined"
+        )))
+    }
+
+    fn say(&mut self, address: &Address, lines: &[Line]) -> Result<(), Failure> {
+        let failed = |e: std::io::Error| Failure::machine(format_args!("{address}: {e}"));
+        for line in lines {
+            self.socket.write(line.text().bytes()).map_err(failed)?;
+        }
+        self.socket.flush().map(|_| ()).map_err(failed)
+    }
+
+    /// Listens so long; true at once when the machine is at home.
+    fn hear(&mut self, address: &Address, sender: &mut TextSender, longest: Duration) -> Result<bool, Failure> {
+        let until = Instant::now() + longest;
+        let mut bytes = Vec::new();
+        while Instant::now() < until {
+            if let Ok((stream, _)) = self.reports.accept() {
+                *self.back = Socket::new(stream, None).ok();
+            }
+            if let Some(socket) = self.back.as_mut() {
+                bytes.clear();
+                let gone = socket.read(&mut bytes).is_err();
+                let told = sender
+                    .receive(&bytes)
+                    .map_err(|why| Failure::machine(format_args!("{address}: {why}")))?;
+                if told.contains(&Told::Home) {
+                    return Ok(true);
+                }
+                if gone {
+                    *self.back = None;
+                }
+            }
+            bytes.clear();
+            if self.socket.flush().is_err() || self.socket.read(&mut bytes).is_err() {
+                return Err(Failure::machine(format_args!(
+                    "{address}: the controller closed the connection: another one drives the machine, or it ended"
+                )));
+            }
+            if self.stop.load(Relaxed) || sender.emergency_stop() {
+                return Err(Failure::machine(format_args!(
+                    "{address}: stopped before anything was machined"
+                )));
+            }
+            std::thread::sleep(LOOK);
+        }
+        Ok(false)
+    }
 }
 
 fn words(told: &Told) -> String {

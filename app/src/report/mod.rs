@@ -4,6 +4,7 @@ pub mod page;
 pub mod plot;
 
 use crate::cli::DisplayUnits;
+use crate::execution::Course;
 use crate::failure::Failure;
 use crate::files;
 use crate::link::driving::Driven;
@@ -21,6 +22,8 @@ pub struct Page<'a> {
     pub machine: &'a str,
     /// What only a run on a machine behind the link tells.
     pub driven: Option<&'a Driven>,
+    /// Where it began, how long it took and what overrides were in force, when we ran it.
+    pub course: Option<&'a Course>,
     /// How the run ended, when we ran it.
     pub ended: Option<String>,
     /// What proves it: hashes, seed, start.
@@ -40,6 +43,8 @@ struct Told<'a> {
     printed: &'a Printed,
     #[serde(skip_serializing_if = "Option::is_none")]
     driven: Option<&'a Driven>,
+    #[serde(flatten)]
+    course: Option<&'a Course>,
 }
 
 /// Writes `report.html` and `report.json` into a folder.
@@ -51,6 +56,7 @@ pub fn write(page: &Page<'_>, folder: &Path) -> Result<(), Failure> {
         report: page.report,
         printed: page.printed,
         driven: page.driven,
+        course: page.course,
     };
     let json = serde_json::to_vec_pretty(&told).map_err(|e| Failure::machine(format_args!("the report is no JSON: {e}")))?;
     files::write(&folder.join("report.json"), &json)?;

@@ -21,6 +21,7 @@ pub fn html(page: &Page<'_>) -> String {
     for w in &report.workingsteps {
         workingstep(&mut out, w);
     }
+    overrides(&mut out, page);
     printed(&mut out, page);
     functions(&mut out, page);
     proof(&mut out, page);
@@ -94,7 +95,51 @@ fn head(out: &mut String, page: &Page<'_>, title: &str) {
         fact("times the buffer ran empty", &driven.starvations.to_string());
         fact("the link", &driven.on_the_link());
     }
+    if let Some(time) = page.course.and_then(|course| course.time) {
+        let of = |percent: Option<f64>| percent.map_or_else(String::new, |p| format!(" ({p:+.1} %)"));
+        fact("time", &format!("{:.1} s", time.real_s));
+        let start = format!("{:.1} s{}", time.foreseen_s, of(time.real_against_foreseen_percent));
+        fact("foreseen at the start", &start);
+        if let Some(tenth) = time.foreseen_after_a_tenth_s {
+            fact(
+                "foreseen after a tenth",
+                &format!("{tenth:.1} s{}", of(time.real_against_tenth_percent)),
+            );
+        }
+    }
     out.push_str("</dl>");
+}
+
+/// Which overrides were in force when, and how long the feed was held.
+fn overrides(out: &mut String, page: &Page<'_>) {
+    let Some(told) = page.course.map(|course| &course.overridden) else {
+        return;
+    };
+    if told.overrides.is_empty() && told.holds == 0 {
+        return;
+    }
+    out.push_str("<h2>Overrides and holds</h2>");
+    if !told.overrides.is_empty() {
+        out.push_str(
+            "<div class='wide'><table><tr><th>from s</th><th>to s</th><th>feed %</th><th>rapid %</th><th>spindle %</th></tr>",
+        );
+        for o in &told.overrides {
+            let _ = write!(
+                out,
+                "<tr><td>{:.3}</td><td>{:.3}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+                o.from_s, o.to_s, o.feed_percent, o.rapid_percent, o.spindle_percent
+            );
+        }
+        out.push_str("</table></div>");
+    }
+    if told.holds > 0 {
+        let times = if told.holds == 1 {
+            "once".to_owned()
+        } else {
+            format!("{} times", told.holds)
+        };
+        let _ = write!(out, "<p>Feed held {times}, {:.1} s in all.</p>", told.held_s);
+    }
 }
 
 fn findings(out: &mut String, report: &Report) {
@@ -129,11 +174,11 @@ fn functions(out: &mut String, page: &Page<'_>) {
     if all.is_empty() {
         return;
     }
-    out.push_str("<h2>Functions of the program</h2><div class='wide'><table><tr><th>s</th><th>function</th><th>record</th></tr>");
+    out.push_str("<h2>Functions of the program</h2><div class='wide'><table><tr><th>s</th><th class='text'>function</th><th class='text'>record</th></tr>");
     for told in all.iter().take(MOST_FUNCTIONS) {
         let _ = write!(
             out,
-            "<tr><td>{:.3}</td><td>{}</td><td>{}</td></tr>",
+            "<tr><td>{:.3}</td><td class='text'>{}</td><td class='text'>{}</td></tr>",
             told.t_s,
             escape(&told.function),
             escape(&told.text)

@@ -6,7 +6,7 @@
 //!
 //! | kind | data |
 //! |---|---|
-//! | `job-started` | `program_sha256`, `seed`, `machine`, `source` (`SIMULATED`, or the driver's name) |
+//! | `job-started` | `program_sha256`, `seed`, `machine`, `source` (`SIMULATED`, or the driver's name); `taken_up` where it begins elsewhere |
 //! | `begin` | `level`, `name`, `entity`, `derived`, `maximum_deviation_mm`; of a workingstep also `workingstep`, its number in the samples |
 //! | `end` | `level` |
 //! | `frame` | `name`, `origin`, `rotation`, `assumed` |

@@ -402,6 +402,11 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         self.emit(kind, StepId::NONE, now, data, sink);
     }
 
+    /// Somebody else stands at the machine from here on, or does something else.
+    pub fn attended_by(&mut self, operator: Operator) {
+        self.operator = operator;
+    }
+
     /// How the run ended; `None` while it goes on.
     pub fn ended(&self) -> Option<&Ended> {
         self.ended.as_ref()
@@ -573,10 +578,16 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         self.commands_at_change = self.commands;
         let Sample { tick, step, .. } = report.sample;
         let (kind, data) = match after {
+            // One wait may follow the other; the hold is the same.
+            State::WaitingThenHold(_) if matches!(before, State::WaitingThenHold(_)) => return,
             State::Holding | State::WaitingThenHold(_) => ("hold", Detail::new()),
             State::Held if before == State::Waiting(Wait::Commands) => ("hold", Detail::new()),
-            State::Running | State::Resuming
-                if matches!(before, State::Held | State::Paused | State::Holding | State::Stopped(_)) =>
+            // It may wait for something in the very cycle in which it goes on.
+            State::Running | State::Resuming | State::Waiting(_)
+                if matches!(
+                    before,
+                    State::Held | State::Paused | State::Holding | State::WaitingThenHold(_) | State::Stopped(_)
+                ) =>
             {
                 ("cycle-start", Detail::new())
             }

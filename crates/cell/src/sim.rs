@@ -8,7 +8,7 @@ pub mod pad;
 
 pub use pad::ScriptedPad;
 
-use crate::events::detail;
+use crate::events::{Detail, detail};
 use crate::faults::Fault;
 use crate::office::{Answers, Ended, OfficeHalf, Operator};
 use crate::sink::{RecordSink, RunDigest};
@@ -92,6 +92,7 @@ pub struct World<'a, S> {
     realtime: Box<RealtimeHalf<Plant, ScriptedPad>>,
     office: OfficeHalf<'a, S>,
     now: Tick,
+    start: Detail,
     begun: bool,
     samples: u64,
     worst_following_error: f64,
@@ -118,6 +119,7 @@ impl<'a, S: CommandSource> World<'a, S> {
             config,
             realtime,
             now: Tick(0),
+            start: Detail::new(),
             begun: false,
             samples: 0,
             worst_following_error: 0.0,
@@ -139,6 +141,12 @@ impl<'a, S: CommandSource> World<'a, S> {
             let _ = self.realtime.watches().load(&compiled.watch());
         }
         self.office = self.office.with_functions(recorder);
+        self
+    }
+
+    /// Says more in the run's first event.
+    pub fn with_start(mut self, more: Detail) -> Self {
+        self.start = more;
         self
     }
 
@@ -173,12 +181,13 @@ impl<'a, S: CommandSource> World<'a, S> {
         };
         if !self.begun {
             self.begun = true;
-            let data = detail(json!({
+            let mut data = detail(json!({
                 "program_sha256": self.config.program_hash.to_string(),
                 "seed": self.config.seed,
                 "machine": self.config.machine_name,
                 "source": "SIMULATED",
             }));
+            data.append(&mut self.start);
             self.office.tell("job-started", self.now, data, &mut sink);
         }
         for _ in 0..ticks {
@@ -218,6 +227,11 @@ impl<'a, S: CommandSource> World<'a, S> {
     /// A request of a person at the machine, from outside the configuration.
     pub fn request(&mut self, request: Request) {
         self.realtime.request(request);
+    }
+
+    /// Somebody else stands at the machine from here on, or does something else.
+    pub fn attended_by(&mut self, operator: Operator) {
+        self.office.attended_by(operator);
     }
 
     /// The machine, to look at and to disturb.

@@ -158,13 +158,20 @@ fn check(seed: u64, with_jerk: bool) -> ([f64; 3], f64) {
 
     let mut kept = Kept::default();
     let mut world = world(&program, with_jerk);
+    let mut holds = vec![];
     let outcome = loop {
         if let Some(outcome) = world.advance(1 + dice.up_to(400), &mut kept) {
             break outcome;
         }
         match dice.up_to(6) {
-            0 => world.request(Request::Hold),
-            1 => world.request(Request::CycleStart),
+            0 => {
+                holds.push((kept.samples.len(), usize::MAX));
+                world.request(Request::Hold);
+            }
+            1 => {
+                holds.iter_mut().for_each(|hold| hold.1 = hold.1.min(kept.samples.len()));
+                world.request(Request::CycleStart);
+            }
             _ => world.request(Request::Override(Overrides {
                 feed: [0, 5, 30, 70, 100, 130, 200][dice.up_to(7) as usize],
                 rapid: [5, 25, 50, 100][dice.up_to(4) as usize],
@@ -189,7 +196,30 @@ fn check(seed: u64, with_jerk: bool) -> ([f64; 3], f64) {
         let off = path.distance(s.commanded);
         assert!(off < 0.002, "{off} mm off the path at {s:?}: {}", about());
     }
+    if with_jerk {
+        for (from, to) in holds {
+            let held = &kept.samples[from.saturating_sub(1)..to.min(kept.samples.len())];
+            let (stopped, stop) = hold_time(held);
+            // It may be taken back before. Where the plan brakes with all there is, it cannot stop sooner.
+            assert!(
+                stopped == held.len() || stopped <= 2 * stop + 60,
+                "SEED={seed}: {stopped} ms for {stop} ms at {from}"
+            );
+        }
+    }
     worst(&kept.samples)
+}
+
+/// Cycles from a hold until the axes stand, and those that a stop takes from the fastest speed on the way.
+fn hold_time(samples: &[Sample]) -> (usize, usize) {
+    let stopped = samples.iter().take_while(|s| s.path_speed > 0.0).count();
+    let speed = samples[..stopped].iter().map(|s| s.path_speed).fold(0.0, f64::max);
+    let stop = if speed > 180.0 {
+        speed / 3000.0 + 0.06
+    } else {
+        2.0 * (speed / 50_000.0).sqrt()
+    };
+    (stopped, (stop * 1000.0) as usize)
 }
 
 #[test]
@@ -253,7 +283,7 @@ fn stop_and_restart(seed: u64) {
         feed: MmPerSec(10.0),
     };
     let stream = Box::new(Listed(program.0.clone(), 0));
-    let restarted = Restarted::new(stream, last.step, approach, &mut |_| plan::Answer::Unknown).expect("the step exists");
+    let restarted = Restarted::new(stream, last.step, approach, &[], &mut |_| plan::Answer::Unknown).expect("the step exists");
     let source = Trajectory::new(Box::new(restarted), config.position, limits(&config.machine, true));
     let mut kept = Kept::default();
     let outcome = World::new(config, source).expect("a sound machine").run(&mut kept);

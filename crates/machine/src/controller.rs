@@ -318,6 +318,11 @@ impl Controller {
         self.queue.is_empty() && self.in_work.is_none() && self.stands()
     }
 
+    /// Path length of the program where the machine is, mm.
+    pub fn path_length(&self) -> f64 {
+        self.here.path_length
+    }
+
     /// The next thing that the program said to its watches in this cycle.
     pub fn watch_order(&mut self) -> Option<Ordered> {
         self.watch_orders.pop()
@@ -425,6 +430,7 @@ impl Controller {
             path_speed: self.path_speed,
             spindle_speed: feedback.spindle_speed,
             spindle_load: feedback.spindle_load,
+            overrides: self.overrides,
             spindle_angle: self.angle.degrees(),
             thread_error: self.thread.error,
         }

@@ -1,5 +1,6 @@
 //! What the machine reports, every servo cycle, and the table of channels that a record is made of.
 
+use crate::overrides::Overrides;
 use units::{StepId, Tick, ToolNumber, WorkingstepId};
 
 /// What the machine was doing in a cycle.
@@ -73,6 +74,8 @@ pub struct Sample {
     pub spindle_speed: f64,
     /// Spindle torque, percent of rated.
     pub spindle_load: f64,
+    /// The overrides in force.
+    pub overrides: Overrides,
     /// Angle of the spindle from its index mark, degrees, 0 to below 360 clockwise; not a number while it is not known.
     pub spindle_angle: f64,
     /// How far the commanded path is ahead of the spindle's angle on a thread, mm; not a number where nothing is tied to it.
@@ -210,6 +213,24 @@ pub const CHANNELS: &[Channel] = &[
         unit: "PERCENT",
         scale: 1e-1,
         read: |s| s.spindle_load,
+    },
+    Channel {
+        name: "PATH.PATH_FEEDRATE_OVERRIDE.PROGRAMMED",
+        unit: "PERCENT",
+        scale: 1.0,
+        read: |s| f64::from(s.overrides.feed),
+    },
+    Channel {
+        name: "PATH.PATH_FEEDRATE_OVERRIDE.RAPID",
+        unit: "PERCENT",
+        scale: 1.0,
+        read: |s| f64::from(s.overrides.rapid),
+    },
+    Channel {
+        name: "S1.ROTARY_VELOCITY_OVERRIDE",
+        unit: "PERCENT",
+        scale: 1.0,
+        read: |s| f64::from(s.overrides.spindle),
     },
     Channel {
         name: "PATH.FOLLOWING_ERROR_LINEAR",

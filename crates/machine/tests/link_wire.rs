@@ -200,6 +200,11 @@ fn a_report_comes_out_as_it_went_in() {
             path_speed: d,
             spindle_speed: e,
             spindle_load: f,
+            overrides: Overrides {
+                feed: 199,
+                rapid: 1,
+                spindle: 51,
+            },
             spindle_angle: 271.3,
             thread_error: 0.0025,
         },

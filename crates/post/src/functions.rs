@@ -12,7 +12,7 @@ use crate::statement::Statement;
 use plan::expression::Operator;
 use plan::{Expression, Level, Place, RawNcFunction};
 use std::collections::{BTreeMap, BTreeSet};
-use trace::functions::{Frequency, Recording, SynchronizedAction};
+use trace::functions::{CoordinateFrame, Frequency, Recording, SynchronizedAction};
 use trace::sensor::{Sensor, Statistic, streams};
 use trace::{Call, Function};
 
@@ -101,6 +101,11 @@ pub enum Item {
     Text(String),
     /// A value by its name and the control's variable.
     Value(String, Source),
+}
+
+/// Why a coordinate is not posted: a control's variable is the axis's, and must not be taken for the tip's place.
+pub fn of_a_frame(frame: CoordinateFrame) -> String {
+    format!("coordinates in the frame {} are worked out beside the program", frame.word())
 }
 
 /// What functions have begun and not ended.
@@ -270,6 +275,9 @@ impl Posting<'_, '_> {
                 let streams =
                     streams(sensor, axes).map_err(|no| Refusal::new("sensor", no.message, "correct the sensor's name"))?;
                 self.values_of(&streams, function)
+            }
+            Call::Get(measurement) if measurement.frame != CoordinateFrame::Machine => {
+                Ok(Verdict::external(format!("{}: {recorder}", of_a_frame(measurement.frame))))
             }
             Call::Get(measurement) => {
                 let streams = measurement

@@ -6,7 +6,7 @@
 use crate::compile::{Compiled, compile, signal_of};
 use crate::functions::{Call, TraceId};
 use crate::sensor::{Meaning, Sensor, meaning, streams};
-use crate::{Function, is_line, parse};
+use crate::{Function, Sampling, is_line, parse};
 use plan::{Diagnostic, Diagnostics, Expression, Level, Place, RawNcFunction, Severity, Step, StepKind};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -111,6 +111,11 @@ impl Survey {
         }
     }
 
+    /// What is begun and not over here: recordings, logging, synchronized actions. Each by its kind and id, in order.
+    pub fn begun(&self) -> impl Iterator<Item = (&'static str, &TraceId)> {
+        self.active.keys().map(|(kind, id)| (kind.word(), id))
+    }
+
     /// The program is over.
     pub fn finish(mut self) -> Found {
         let open: Vec<_> = self.active.keys().cloned().collect();
@@ -168,6 +173,7 @@ impl Survey {
         self.variable(function, step);
         self.sensors(function, step);
         self.points(function, step);
+        self.evenly(function, step);
         match &function.call {
             Call::Unknown => {
                 let meant = crate::meant(&function.name).map_or_else(String::new, |name| format!("did you mean {name}?"));
@@ -243,6 +249,25 @@ impl Survey {
             "name an anchor or a polyline of the file; where there is none (G-code), sample by distance:, count: or cycles",
         );
         self.points.push((curve.to_owned(), self.placed(missing, step)));
+    }
+
+    /// Values that are spread evenly are kept in memory to the end of their scope.
+    fn evenly(&mut self, function: &Function, step: &Step) {
+        let count = match &function.call {
+            Call::StartSensorRecording(recording) => match recording.sampling {
+                Sampling::ByCount(count) => Some(count),
+                _ => None,
+            },
+            Call::GetPoints(measurement) if measurement.points.is_none() => measurement.number_of_points,
+            _ => None,
+        };
+        if let Some(count) = count.filter(|count| *count > MOST_EVENLY) {
+            let text = format!(
+                "{} spreads {count} values evenly, and {MOST_EVENLY} are the most",
+                function.name
+            );
+            self.say(Severity::Error, "T-09", text, "sample by cycles, time: or distance:", step);
+        }
     }
 
     fn keep(&mut self, line: String, compiled: Compiled, step: &Step) {
@@ -361,6 +386,9 @@ impl Survey {
         }
     }
 }
+
+/// Most values that a recording spreads evenly over its scope: it keeps eight times as many until it ends.
+pub const MOST_EVENLY: u32 = 100_000;
 
 /// True for the name of a variable that is bound to the machine: nobody writes it.
 pub fn is_of_the_machine(variable: &str) -> bool {

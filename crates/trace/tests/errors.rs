@@ -188,6 +188,17 @@ fn t_09_is_more_conditions_than_the_cycle_takes_with_what_they_come_to() {
 }
 
 #[test]
+fn t_09_is_more_values_spread_evenly_than_are_kept_in_memory() {
+    let at = |count: u32| format!("start_sensor_recording its_function_id=1 its_sensors=X.LOAD its_sampling=count:{count}");
+    check(&[Say::Function(&at(100_000)), Say::Function(STOP)], &[]);
+    check(&[Say::Function(&at(4_294_967_295)), Say::Function(STOP)], &["error t-09 1"]);
+    check(
+        &[Say::Function("get_drive_load_points number_of_points=2147483647")],
+        &["error t-09 1"],
+    );
+}
+
+#[test]
 fn t_12_is_a_function_between_two_paths_of_an_operation() {
     check(
         &[

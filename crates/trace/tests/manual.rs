@@ -120,7 +120,7 @@ unavailable there, because the same seed has to give the same bytes.\n",
 | T-06 | what makes no sense: names, units and kinds in a condition, several values for one variable, geometry that the file has not | error | event |\n\
 | T-07 | a variable of the machine is written (`sensor:`, `trace:`), by a function, an action or an assignment | error | not written |\n\
 | T-08 | a function that cannot be an action | error | |\n\
-| T-09 | more conditions or firings than the cycle takes | error | what is only recorded goes first, counted |\n\
+| T-09 | more conditions or firings than the cycle takes, more than 100 000 values spread evenly | error | what is only recorded goes first, counted |\n\
 | T-10 | cycles lost on their way to a recording | | counted in the recording |\n\
 | T-11 | not of the level that is needed | refused | refused |\n\
 | T-12 | between two paths of an operation, inside a canned cycle, a contour or a modal call's body | error | |\n",

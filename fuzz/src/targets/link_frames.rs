@@ -6,7 +6,7 @@ use machine::link::{Entry, FRAME, Follower, FrameReader, Header, Kind, LimitsHas
 use machine::{MachineParameters, Plant, Quality, RealtimeHalf, Report, Request};
 use units::{Point, Tick};
 
-const KINDS: [Kind; 8] = [
+const KINDS: [Kind; 9] = [
     Kind::Hello,
     Kind::Welcome,
     Kind::Refusal,
@@ -15,6 +15,7 @@ const KINDS: [Kind; 8] = [
     Kind::Reports,
     Kind::Heartbeat,
     Kind::Goodbye,
+    Kind::Load,
 ];
 
 /// The bytes as they are; then each piece between `|` as a payload in a sound frame, its kind by the first byte, to a controller that was
@@ -78,6 +79,9 @@ pub fn run(bytes: &[u8]) {
         half.tick(now);
         follower.after_tick(&mut half);
         while let Some(report) = half.report() {
+            while let Some(firing) = half.firing(report.sample.tick) {
+                receiver.fired(firing);
+            }
             receiver.reported(follower.translated(report), follower.status());
         }
         let _ = receiver.output(1, now, &mut Vec::new());

@@ -3,6 +3,7 @@
 pub mod apt;
 pub mod gcode;
 pub mod link_frames;
+pub mod link_order;
 pub mod link_text;
 pub mod mtconnect_client;
 pub mod mtconnect_document;

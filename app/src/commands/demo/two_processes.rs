@@ -4,7 +4,7 @@
 //! How late a computer is depends on what else it does: that is counted and shown, and makes no story untrue.
 
 use super::{BRACKET, Chapter, Story};
-use crate::execution::{self, Drives, Order, Work};
+use crate::execution::{self, Asked, Drives, Order, Work};
 use crate::failure::Failure;
 use crate::link::address;
 use crate::link::driven::Driven;
@@ -124,7 +124,7 @@ impl Story<'_> {
         let at = address::read(&controller.address)?;
         let name = format!("{} of {who}", program.name);
         let plan = PlanId(Hash::of(format!("{name} {}", start.0).as_bytes()).0);
-        let (remote, found) = Remote::connect(&at, None, &name, plan, &shop::parameters(&machine))?;
+        let (remote, found) = Remote::connect(&at, None, &name, plan, &shop::parameters(&machine), Duration::ZERO)?;
         let mut tables = self.directory.tables(&machine).map_err(shop::failure)?;
         tables.position = Point::from_xyz(make_ready(&remote)?.sample.commanded);
         let order = Order {
@@ -143,6 +143,7 @@ impl Story<'_> {
             stop: None,
             person: json!({ "level": ledger::Level::HIGHEST.number(), "authenticated_by": "none" }),
             found: None,
+            asked: Asked::default(),
         };
         execution::run(&order, self.directory, None)
     }

@@ -337,7 +337,8 @@ mod tests {
                 stop.store(true, Relaxed);
             }
         });
-        assert!(seen[4] >= seen[3] + 9, "{seen:?}");
+        // On a busy computer the sleep may fall into cycles that are being made up for: what comes after them is later then.
+        assert!(seen.windows(2).any(|pair| pair[1] >= pair[0] + 9), "{seen:?}");
     }
 
     #[test]

@@ -160,6 +160,11 @@ impl Stock {
         self.done
     }
 
+    /// True when the end of the program is done, and nothing follows it.
+    pub fn is_over(&self) -> bool {
+        self.done + 1 == self.end() && matches!(self.command(self.done), Some(Command::End { .. }))
+    }
+
     /// The number after the last command.
     pub fn end(&self) -> u64 {
         self.first + self.commands.len() as u64

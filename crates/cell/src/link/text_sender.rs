@@ -199,6 +199,14 @@ impl TextSender {
         self
     }
 
+    /// A tool and its length as the protocol has them: whole mm.
+    pub fn tool_line(&mut self, tool: ToolNumber) -> Line {
+        Line::Tool {
+            number: tool.0,
+            length: self.whole_length(tool),
+        }
+    }
+
     /// Takes the next command of the plan.
     ///
     /// # Errors

@@ -171,6 +171,7 @@ wire_struct!(Sample {
     path_speed,
     spindle_speed,
     spindle_load,
+    overrides,
     spindle_angle,
     thread_error,
 });

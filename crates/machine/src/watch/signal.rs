@@ -183,6 +183,15 @@ pub const SIGNALS: &[Signal] = &[
     derived("S1.CUTTING_SPEED", "MILLIMETER/SECOND", |c| {
         c.now.spindle_speed.abs() * RADIANS * c.diameter / 2.0
     }),
+    measured("PATH.PATH_FEEDRATE_OVERRIDE.PROGRAMMED", "PERCENT", |c| {
+        f64::from(c.now.overrides.feed)
+    }),
+    measured("PATH.PATH_FEEDRATE_OVERRIDE.RAPID", "PERCENT", |c| {
+        f64::from(c.now.overrides.rapid)
+    }),
+    measured("S1.ROTARY_VELOCITY_OVERRIDE", "PERCENT", |c| {
+        f64::from(c.now.overrides.spindle)
+    }),
     measured("trace:ws_time", "SECOND", |c| c.times.workingstep),
     measured("trace:op_time", "SECOND", |c| c.times.operation),
     measured("trace:prog_time", "SECOND", |c| c.times.program),

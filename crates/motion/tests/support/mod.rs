@@ -137,3 +137,78 @@ pub fn all_of(mut trajectory: Trajectory<'_>) -> Planned {
         statistics: trajectory.statistics(),
     }
 }
+
+/// Places of a path no farther apart than this, mm, behind the first.
+const APART: f64 = 0.003;
+
+fn evenly(path: &Path<Setup>, [from, to]: [f64; 2], places: &mut Vec<[f64; 3]>) {
+    let end = path.at(to);
+    // A long part may begin and end at one place.
+    let middle = 0.5 * (from + to);
+    let far = path.at(from).distance(end).max(2.0 * path.at(middle).distance(end));
+    let looked_at = to - from < 0.01 || matches!(path, Path::Line { .. });
+    if (far <= APART && looked_at) || middle <= from || middle >= to {
+        places.push(end.xyz);
+    } else {
+        evenly(path, [from, middle], places);
+        evenly(path, [middle, to], places);
+    }
+}
+
+/// The largest distance of a set-point from the paths.
+pub fn distance(planned: &Planned, paths: &[Path<Setup>]) -> f64 {
+    let mut places = vec![];
+    for path in paths {
+        places.push(path.start().xyz);
+        evenly(path, [0.0, 1.0], &mut places);
+    }
+    // Set-points go along the path, so the nearest place is not far from that of the one before; it is looked for ahead and a little back.
+    let (mut at, mut worst) = (0usize, 0.0f64);
+    for point in &planned.points {
+        let squared = |k: usize| {
+            let (a, b) = (places[k], places[(k + 1).min(places.len() - 1)]);
+            let (mut along, mut long) = (0.0, 0.0);
+            for axis in 0..3 {
+                along += (point.position[axis] - a[axis]) * (b[axis] - a[axis]);
+                long += (b[axis] - a[axis]) * (b[axis] - a[axis]);
+            }
+            let share = if long > 0.0 { (along / long).clamp(0.0, 1.0) } else { 0.0 };
+            let off = (0..3).map(|axis| point.position[axis] - a[axis] - share * (b[axis] - a[axis]));
+            off.map(|d| d * d).sum::<f64>()
+        };
+        let range = at.saturating_sub(50)..(at + 800).min(places.len());
+        at = range
+            .min_by(|a, b| squared(*a).total_cmp(&squared(*b)))
+            .expect("there are places");
+        worst = worst.max(squared(at).sqrt());
+    }
+    worst
+}
+
+/// Plans paths that follow each other; limits hold, and the end is reached.
+#[track_caller]
+pub fn planned(paths: &[Path<Setup>], mm_per_min: f64, mode: PathMode) -> Planned {
+    let moves = paths.iter().map(|path| feed_move(path.clone(), mm_per_min));
+    let steps = std::iter::once(StepKind::PathMode(mode)).chain(moves).collect();
+    let planned = plan(program(steps), paths[0].start().xyz, jerk_limited(0.01));
+    assert!(
+        matches!(planned.others.last(), Some(Output::End)),
+        "{:?}",
+        planned.others.last()
+    );
+    let s = planned.statistics;
+    for (what, ratio) in [
+        ("speed", s.worst_speed_ratio),
+        ("acceleration", s.worst_acceleration_ratio),
+        ("jerk", s.worst_jerk_ratio.expect("there is a limit")),
+    ] {
+        assert!(ratio <= 1.001, "{what} {ratio} of its limit");
+    }
+    let end = paths[paths.len() - 1].end().xyz;
+    let last = planned.points.last().expect("it moves").position;
+    assert!(
+        (0..3).all(|k| (last[k] - end[k]).abs() < 1e-9),
+        "ends at {last:?}, not at {end:?}"
+    );
+    planned
+}

@@ -324,6 +324,7 @@ impl Control for Siemens840d {
         match kind {
             "POSITION.COMMANDED" if axis => value(format!("$AA_IM[{component}]"), true, true, 1.0),
             "POSITION.ACTUAL" if axis => value(format!("$VA_IM[{component}]"), true, true, 1.0),
+            "POSITION.ACTUAL.2" if axis => value(format!("$VA_IM2[{component}]"), true, true, 1.0),
             "DISPLACEMENT" if axis => value(format!("($VA_IM[{component}]-$AA_IM[{component}])"), true, true, 1.0),
             "PATH_FEEDRATE.ACTUAL" => value("$AC_VACTW".into(), false, true, 1.0 / 60.0),
             "AXIS_FEEDRATE.ACTUAL" if axis => value(format!("$AA_VACTB[{component}]"), false, true, 1.0 / 60.0),

@@ -105,6 +105,9 @@ impl Posting<'_, '_> {
     pub(super) fn not_between_blocks(&self, function: &Function) -> Option<String> {
         let streams = match &function.call {
             Call::ReadSensorValue { sensor, axes } => streams(sensor, axes),
+            Call::Get(measurement) if measurement.frame != CoordinateFrame::Machine => {
+                return Some(of_a_frame(measurement.frame));
+            }
             Call::Get(measurement) => measurement.streams(),
             Call::SetAlarm(_) | Call::LogEvent { .. } | Call::GetTime { .. } => return None,
             Call::LogToolData { tool: None } => return None,

@@ -1,6 +1,9 @@
 //! Recordings through FIFO variables and synchronized actions in the servo cycle, in the forms of the reference.
 
 use super::*;
+use crate::functions::of_a_frame;
+use trace::functions::CoordinateFrame;
+use trace::sensor::{Meaning, meaning};
 
 /// FIFO variables there are.
 const FIFOS: u32 = 10;
@@ -174,6 +177,9 @@ pub(super) fn start_action(
     for function in &action.actions {
         let found = match &function.call {
             Call::ReadSensorValue { sensor, axes } => streams(sensor, axes),
+            Call::Get(measurement) if measurement.frame != CoordinateFrame::Machine => {
+                return Ok(Verdict::external(format!("{}: {BESIDE}", of_a_frame(measurement.frame))));
+            }
             Call::Get(measurement) => measurement.streams(),
             Call::SetAlarm(alarm) => {
                 alarms.push(format!("SETAL({})", 65_000 + u32::from(alarm.id)));
@@ -247,24 +253,97 @@ pub(super) fn start_action(
     Ok(Verdict::native(verified, reason))
 }
 
-/// A condition of the servo cycle; variables of the program are read there as `$R`.
+/// What a part of a condition is to a synchronized action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Seen {
+    /// Numbers only.
+    Number,
+    /// Worked out when the block is read: variables of the program.
+    Before,
+    /// In every cycle.
+    InCycle,
+    /// A value that is read ahead, or both kinds in one expression.
+    Never,
+}
+
+/// A condition of the servo cycle. It compares values of the cycle with each other, or with an expression that is worked out when the block
+/// is read (PGA 04.00, p. 10-344); the value of the cycle stands on the left.
 fn in_action(condition: &Expression, control: &dyn Control, sheet: &mut Sheet<'_>) -> Result<(String, bool), Refusal> {
-    fn real(expression: &Expression, control: &dyn Control, sheet: &mut Sheet<'_>) -> Result<bool, Refusal> {
-        Ok(match expression {
-            Expression::Name(name) => source_of(name, control, sheet)?.realtime,
-            Expression::Not(inner) | Expression::Negate(inner) => real(inner, control, sheet)?,
-            Expression::Binary(_, left, right) => real(left, control, sheet)? && real(right, control, sheet)?,
-            Expression::Number(..) | Expression::Truth(_) => true,
-        })
+    let bracketed = |side: &Expression, (text, verified): (String, bool)| match side {
+        Expression::Binary(..) => (format!("({text})"), verified),
+        _ => (text, verified),
+    };
+    match condition {
+        Expression::Binary(operator @ (Operator::And | Operator::Or | Operator::Xor), left, right) => {
+            let word = OPERATORS
+                .iter()
+                .find(|(known, _)| known == operator)
+                .map_or("", |(_, word)| *word);
+            let first = bracketed(left, in_action(left, control, sheet)?);
+            let second = bracketed(right, in_action(right, control, sheet)?);
+            Ok((format!("{}{word}{}", first.0, second.0), first.1 && second.1))
+        }
+        Expression::Not(inner) => {
+            let (text, verified) = in_action(inner, control, sheet)?;
+            Ok((format!("NOT ({text})"), verified))
+        }
+        Expression::Binary(operator, left, right) => match (seen(left, control, sheet)?, seen(right, control, sheet)?) {
+            (Seen::InCycle, Seen::Before) => {
+                let first = bracketed(left, spell(left, &IN_ACTION, control, sheet)?);
+                let second = bracketed(right, spell(right, &STYLE, control, sheet)?);
+                let word = OPERATORS
+                    .iter()
+                    .find(|(known, _)| known == operator)
+                    .map_or("", |(_, word)| *word);
+                Ok((format!("{}{word}{}", first.0, second.0), first.1 && second.1))
+            }
+            (Seen::Before, Seen::InCycle) => {
+                let turned = match operator {
+                    Operator::Less => Operator::Greater,
+                    Operator::LessOrEqual => Operator::GreaterOrEqual,
+                    Operator::Greater => Operator::Less,
+                    Operator::GreaterOrEqual => Operator::LessOrEqual,
+                    same => *same,
+                };
+                in_action(&Expression::Binary(turned, right.clone(), left.clone()), control, sheet)
+            }
+            (Seen::InCycle | Seen::Number, Seen::InCycle | Seen::Number) => spell(condition, &IN_ACTION, control, sheet),
+            _ => Err(not_in_the_cycle()),
+        },
+        other => match seen(other, control, sheet)? {
+            Seen::InCycle | Seen::Number => spell(other, &IN_ACTION, control, sheet),
+            _ => Err(not_in_the_cycle()),
+        },
     }
-    if !real(condition, control, sheet)? {
-        return Err(Refusal::new(
-            "condition",
-            "the condition has a value that is not in the servo cycle",
-            "use values of the servo cycle",
-        ));
-    }
-    spell(condition, &IN_ACTION, control, sheet)
+}
+
+fn not_in_the_cycle() -> Refusal {
+    Refusal::new(
+        "condition",
+        "the condition has a value that is not in the servo cycle",
+        "use values of the servo cycle",
+    )
+}
+
+fn seen(expression: &Expression, control: &dyn Control, sheet: &mut Sheet<'_>) -> Result<Seen, Refusal> {
+    Ok(match expression {
+        Expression::Number(..) | Expression::Truth(_) => Seen::Number,
+        Expression::Name(name) => {
+            // What the program itself sets comes first, as where it is spelled.
+            let of_the_program = sheet.variables().contains_key(name) || meaning(name) == Meaning::Unknown;
+            match source_of(name, control, sheet)? {
+                source if source.realtime => Seen::InCycle,
+                _ if of_the_program => Seen::Before,
+                _ => Seen::Never,
+            }
+        }
+        Expression::Not(inner) | Expression::Negate(inner) => seen(inner, control, sheet)?,
+        Expression::Binary(_, left, right) => match (seen(left, control, sheet)?, seen(right, control, sheet)?) {
+            (Seen::Number, other) | (other, Seen::Number) => other,
+            (left, right) if left == right => left,
+            _ => Seen::Never,
+        },
+    })
 }
 
 pub(super) fn stop_action(id: &str, sheet: &mut Sheet<'_>) -> Option<Verdict> {

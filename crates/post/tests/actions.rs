@@ -1,0 +1,77 @@
+//! What a synchronized action of the 840D compares, and coordinates in frames that a control's variables do not have.
+
+use post::table::program_of;
+use post::{CONTROLS, Grade, Options, Posted, by_name, post};
+
+fn posted(control: &str, lines: &[&str]) -> (Posted, String) {
+    let mut text = String::new();
+    let control = by_name(control).expect("a control");
+    let options = Options {
+        source: "test".to_owned(),
+        ..Options::default()
+    };
+    let done = post(control, &mut |_| Ok(program_of(lines)), &options, &mut |line| {
+        text.push_str(line)
+    });
+    (done.unwrap_or_else(|e| panic!("{e}")), text)
+}
+
+#[track_caller]
+fn check(condition: &str, expected: Option<&str>) {
+    let line = format!(
+        "trace:1 start_synchronized_action its_id=1 its_mode_scope=ALL its_frequency=WHEN its_condition=\"{condition}\" its_actions=\"set_alarm its_alarm_id=1 its_text=x\""
+    );
+    let (done, text) = posted("siemens-840d", &[&line]);
+    let grade = done.functions[0].grade;
+    match expected {
+        Some(expected) => {
+            let action = text
+                .lines()
+                .find(|line| line.starts_with("IDS="))
+                .unwrap_or_else(|| panic!("{text}"));
+            let found = action.split(" WHEN ").nth(1).and_then(|rest| rest.split(" DO ").next());
+            assert_eq!((grade, found), (Grade::Native, Some(expected)));
+        }
+        None => assert_eq!((grade, text.contains("IDS=")), (Grade::External, false), "{text}"),
+    }
+}
+
+#[test]
+fn a_value_of_the_cycle_is_compared_with_what_the_program_worked_out_before() {
+    check("ws_time > 3600 s", Some("$AC_TIMER[1]>3600"));
+    check("WS_TIME > TIME_LIMIT", Some("$AC_TIMER[1]>R1"));
+    // The value of the cycle stands on the left.
+    check("TIME_LIMIT < WS_TIME", Some("$AC_TIMER[1]>R1"));
+    check("WS_TIME > 2 * TIME_LIMIT", Some("$AC_TIMER[1]>(2*R1)"));
+    check(
+        "WS_TIME > TIME_LIMIT and X.LOAD >= 80 %",
+        Some("($AC_TIMER[1]>R1) AND ($AA_LOAD[X]>=80)"),
+    );
+    check("not WS_TIME > TIME_LIMIT", Some("NOT ($AC_TIMER[1]>R1)"));
+    // Both kinds in one expression, variables alone, and what is read ahead of the motion.
+    check("WS_TIME + TIME_LIMIT > 5", None);
+    check("FIRST_LIMIT > TIME_LIMIT", None);
+    check("tool = 3", None);
+}
+
+#[test]
+fn coordinates_of_a_frame_are_not_posted_as_those_of_the_axes() {
+    for control in CONTROLS {
+        let (done, text) = posted(control.name(), &["trace:1 get_interpolated_position its_axis=X frame=work"]);
+        assert_eq!(done.functions[0].grade, Grade::External, "{}", control.name());
+        assert!(
+            done.functions[0].reason.contains("frame work"),
+            "{}",
+            done.functions[0].reason
+        );
+        let reads = ["$AA_IM[X]", "#5021", "_abs_x", "ID240"]
+            .iter()
+            .any(|variable| text.contains(variable));
+        assert!(!reads, "{text}");
+    }
+    let (done, text) = posted("siemens-840d", &["trace:1 get_encoder_position its_axis=X its_encoder=2"]);
+    assert!(
+        text.contains("$VA_IM2[X]") && done.functions[0].grade == Grade::BlockBoundary,
+        "{text}"
+    );
+}
