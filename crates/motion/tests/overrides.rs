@@ -219,3 +219,59 @@ proptest! {
         prop_assert!(points.windows(2).all(|p| p[0].path_length <= p[1].path_length && p[0].step <= p[1].step));
     }
 }
+
+#[test]
+fn a_thread_says_its_tie_and_begins_and_ends_at_rest_and_one_that_is_too_fast_is_refused() {
+    let cut = |from: [f64; 3], to: [f64; 3], start: Option<f64>| {
+        StepKind::Move(Move {
+            path: line(from, to),
+            speed: Speed::Feed(Feed::Thread(Thread {
+                advance: Millimetres(1.5),
+                start: start.map(Radians),
+            })),
+            profile: None,
+            derived: false,
+        })
+    };
+    let spindle = |n: f64| StepKind::Spindle(SpindleState::Clockwise(SpindleMode::Revolutions(Rpm(n))));
+    for limits in [jerk_limited(0.01), reference(0.01)] {
+        let (points, _) = run(
+            vec![
+                spindle(1000.0),
+                feed_move(line([0.0, 0.0, 10.0], [0.0; 3]), 600.0),
+                cut([0.0; 3], [0.0, 0.0, -30.0], Some(std::f64::consts::PI)),
+                cut([0.0, 0.0, -30.0], [0.0, 0.0, -40.0], None),
+                feed_move(line([0.0, 0.0, -40.0], [0.0, 0.0, -50.0]), 600.0),
+            ],
+            limits,
+            &[],
+        );
+        for point in &points {
+            let tie = point.tie.map(|tie| (tie.lead, tie.revolutions, tie.start));
+            let expected = match point.step.0 {
+                3 => Some((1.5, 1000.0 / 60.0, Some(0.5))),
+                4 => Some((1.5, 1000.0 / 60.0, None)),
+                _ => None,
+            };
+            assert_eq!(tie, expected, "{point:?}");
+        }
+        let rests: Vec<f64> = points.iter().filter(|p| p.path_speed == 0.0).map(|p| p.position[2]).collect();
+        let near = |z: f64| rests.iter().any(|at| (at - z).abs() < 1e-6);
+        // The second cut follows on without a rest.
+        assert!(near(0.0) && near(-40.0) && !near(-30.0), "{rests:?}");
+
+        let mut trajectory = Trajectory::new(
+            Box::new(program(vec![spindle(30_000.0), cut([0.0; 3], [0.0, 0.0, -30.0], None)])),
+            Point::ORIGIN,
+            limits,
+        );
+        let said = loop {
+            match trajectory.next(None) {
+                Output::Alarm(alarm) => break alarm.diagnostic.code,
+                Output::End => panic!("750 mm/s of 500"),
+                _ => {}
+            }
+        };
+        assert_eq!(said, "thread-too-fast");
+    }
+}
