@@ -45,7 +45,7 @@ impl Waits<'_> {
                 self.tool = *tool;
                 // A spindle that turned comes back before the program goes on.
                 let again = if self.machine.tool_change_stops_spindle {
-                    self.from_rest(self.spindle)
+                    self.to_speed(self.spindle)
                 } else {
                     0.0
                 };
@@ -58,7 +58,7 @@ impl Waits<'_> {
                     SpindleCommand::Counterclockwise(speed) => -speed.0,
                 };
                 let before = std::mem::replace(&mut self.spindle, next);
-                let (from, to) = (self.from_rest(before), self.from_rest(next));
+                let (from, to) = (self.to_speed(before), self.to_speed(next));
                 let through_rest = before * next < 0.0;
                 (if through_rest { from + to } else { (to - from).abs() }, *step)
             }
@@ -70,7 +70,7 @@ impl Waits<'_> {
     }
 
     /// Time from rest to a speed, s: with all the torque up to where the power ends, with all the power from there.
-    fn from_rest(&self, speed: f64) -> f64 {
+    fn to_speed(&self, speed: f64) -> f64 {
         let spindle = &self.machine.spindle;
         let speed = speed.abs().min(spindle.highest.0) * std::f64::consts::PI / 30.0;
         let corner = (spindle.power / spindle.torque).min(speed);
