@@ -413,9 +413,8 @@ fn execute_here(
         let until = stretch - world.now().0 % stretch;
         let until = script.peek().map_or(until, |(at, _)| until.min(*at - world.now()));
         let outcome = world.advance(until, rows);
-        let step = rows.last.map_or(StepId::NONE, |sample| sample.step);
         let path_length = world.realtime().controller().path_length();
-        far.borrow_mut().at(world.now(), step, path_length);
+        far.borrow_mut().at(world.now(), rows.last.as_ref(), path_length);
         // A changed offset is kept before the machine goes on; everything else once in a second.
         let changed = rows.events[kept..].iter().any(|event| event.kind == "register");
         if changed || outcome.is_some() || world.now().0 % 1000 == 0 {

@@ -2,6 +2,7 @@
 //!
 //! What is foreseen is [`motion::RemainingTime`] of the plan made beforehand, with what tool changes and the spindle take put into it.
 
+use machine::{Phase, Sample};
 use motion::RemainingTime;
 use serde::Serialize;
 use units::{Seconds, StepId, Tick};
@@ -14,6 +15,7 @@ pub struct Foresight<'a> {
     step: StepId,
     path_length: f64,
     now: Tick,
+    moves: bool,
     after_a_tenth: Option<f64>,
 }
 
@@ -40,17 +42,21 @@ impl<'a> Foresight<'a> {
             step: StepId::NONE,
             path_length: 0.0,
             now: Tick(0),
+            moves: false,
             after_a_tenth: None,
         }
     }
 
-    /// The machine is here now.
-    pub fn at(&mut self, now: Tick, step: StepId, path_length: f64) {
+    /// The machine is here now; `sample` is its last row.
+    pub fn at(&mut self, now: Tick, sample: Option<&Sample>, path_length: f64) {
         // Neither goes back: a step of none is one between two.
+        let step = sample.map_or(StepId::NONE, |sample| sample.step);
         (self.now, self.step) = (now, step.max(self.step));
+        self.moves = sample.is_some_and(|sample| sample.phase == Phase::Running && sample.path_speed > 0.0);
         self.path_length = path_length.max(self.path_length);
         if let Some(plan) = self.plan
             && self.after_a_tenth.is_none()
+            && self.moves
             && plan.until(self.step, self.path_length).0 >= plan.total().0 / 10.0
         {
             self.after_a_tenth = Some(now.seconds().0 + self.remaining(plan).0);
@@ -58,6 +64,10 @@ impl<'a> Foresight<'a> {
     }
 
     fn remaining(&self, plan: &RemainingTime) -> Seconds {
+        if !self.moves {
+            // A tool change, a dwell or a hold: it counts as done where it begins, and so says nothing of the pace.
+            return plan.after(self.step, self.path_length);
+        }
         plan.at_this_pace(self.step, self.path_length, self.now.seconds())
     }
 

@@ -359,6 +359,18 @@ fn a_run_says_how_long_it_was_foreseen_to_take_and_how_long_it_took() {
 }
 
 #[test]
+fn a_tool_change_at_the_beginning_says_nothing_of_the_pace() {
+    let shop = Shop::new();
+    let program = shop.file(
+        "short.nc",
+        "%\nO1\nG21 G90 G54\nT1 M6\nG43 H1\nG0 X0. Y0. Z5.\nG1 X10. F500.\nX20.\nM30\n%\n",
+    );
+    let (run, _) = shop.run("short", &[&program]);
+    let off = run["time"]["real_against_tenth_percent"].as_f64().expect("a tenth");
+    assert!(off.abs() < 10.0, "{}", run["time"]);
+}
+
+#[test]
 fn a_planned_path_begins_where_the_machine_stands() {
     let shop = Shop::new();
     let out = shop.path().join("plan.csv").display().to_string();

@@ -20,7 +20,7 @@ use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use trace::record::{Row, Stream};
-use units::{StepId, Tick};
+use units::Tick;
 
 /// How often the planner gives more, when reports come more seldom.
 const LOOK: Duration = Duration::from_millis(5);
@@ -210,8 +210,7 @@ pub fn run<S: CommandSource, K: RecordSink>(
             keep(now, seen.sink, ended)?;
         }
         let status = remote.status().0;
-        let step = seen.last.map_or(StepId::NONE, |sample| sample.step);
-        drive.far.borrow_mut().at(now, step, status.path_length);
+        drive.far.borrow_mut().at(now, seen.last.as_ref(), status.path_length);
         match status.displaced {
             Some(distance) if !told_displaced => {
                 told_displaced = true;

@@ -41,7 +41,8 @@ pub fn meant(asked: &str) -> (Vec<Meant>, Option<usize>) {
         let head = text.get(..prefix.len()).filter(|head| head.eq_ignore_ascii_case(prefix))?;
         text[head.len()..].trim_start().strip_prefix(':')?.trim().parse::<u32>().ok()
     };
-    let mut all = vec![Meant::Names(names(text))];
+    // A name with a slash in it may be said as it is.
+    let mut all = vec![Meant::Names(vec![text.to_owned()]), Meant::Names(names(text))];
     all.extend(number("line").map(Meant::Line));
     all.extend(number("step").map(Meant::Step));
     all.extend(text.strip_prefix('#').and_then(|id| id.parse().ok()).map(Meant::Entity));
