@@ -73,6 +73,7 @@ fn machine_like(rows: u64) -> impl Iterator<Item = Sample> {
             } else {
                 noise(0.0004)
             },
+            ..Sample::default()
         }
     })
 }
