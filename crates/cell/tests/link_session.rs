@@ -240,7 +240,7 @@ fn frames_against_the_rules_close_the_connection_and_reach_nothing() {
     );
     check_refused(
         |f| f.frame(Kind::Block, 1, block(0, 0, 2, 0, 1)),
-        "byte 96 of the connection: in the frame, byte 134: a byte was expected",
+        "byte 96 of the connection: in the frame, byte 135: a byte was expected",
     );
     check_refused(
         |f| f.frame(Kind::Block, 1, block(0, 0, 1, 0, 2)),
