@@ -41,6 +41,7 @@ pub fn compare(plan: &PlannedProgram, executed: &AsExecuted, options: &Options) 
                 at: p.at,
                 time: p.at.since(start).0,
                 tip: p.position.xyz,
+                recorded: p.position.xyz,
                 label,
             }));
         }

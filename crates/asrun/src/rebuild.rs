@@ -73,6 +73,8 @@ pub(crate) struct Sample {
     pub(crate) time: f64,
     /// Tool tip in the set-up of its toolpath; for samples on no toolpath the place as recorded.
     pub(crate) tip: V3,
+    /// The place as recorded, whatever set-up and offsets are in force.
+    pub(crate) recorded: V3,
     pub(crate) label: Label,
 }
 
@@ -108,6 +110,7 @@ fn with_plan(plan: &PlannedProgram, record: &Recording, options: &Options) -> Re
                 (Label::On(toolpath), Space::Gauge) => offsets.tip(plan, *toolpath, spot.place),
                 _ => spot.place,
             },
+            recorded: spot.place,
             label: *label,
         })
         .collect();

@@ -447,9 +447,10 @@ fn plot_of(plan: &PlannedProgram, samples: &[Sample], distances: &[Option<f64>],
     let speeds = all()
         .filter(|(_, k)| *k > 0 && samples[k - 1].label.toolpath().is_some())
         .map(|(_, k)| {
+            // A tip jumps where another offset comes into force; the machine does not.
             let spot = |s: &Sample| Spot {
                 time: s.time,
-                place: s.tip,
+                place: s.recorded,
             };
             [samples[k].time, speed(&spot(&samples[k - 1]), &spot(&samples[k]))]
         })
