@@ -244,7 +244,7 @@ fn frames_against_the_rules_close_the_connection_and_reach_nothing() {
     );
     check_refused(
         |f| f.frame(Kind::Block, 1, block(0, 0, 1, 0, 2)),
-        "byte 96 of the connection: in the frame, byte 134: the end of the frame was expected",
+        "byte 96 of the connection: in the frame, byte 135: the end of the frame was expected",
     );
     check_refused(
         |f| f.frame(Kind::Urgent, 1, |to| 77u8.write(to)),
