@@ -198,7 +198,7 @@ impl Bench {
             while self.sender.firing(self.now).is_some() {}
             while self.sender.loaded().is_some() {}
             let ready = self.last.is_some_and(|r| matches!(r.state, State::Ready | State::Held));
-            if self.sender.status().waits_for_start && ready && self.now.0 % 100 == 0 {
+            if self.sender.status().waits_for_start && ready && self.now.0.is_multiple_of(100) {
                 self.sender.allow_approach(NEAR);
                 self.sender.request(Request::CycleStart);
             }
@@ -207,7 +207,7 @@ impl Bench {
     }
 
     fn connect(&mut self) {
-        if self.connection.is_none() && self.now.0 % 20 == 0 {
+        if self.connection.is_none() && self.now.0.is_multiple_of(20) {
             self.connections += 1;
             self.connection = Some(self.connections);
             self.receiver.connected(self.connections, self.now);
