@@ -188,6 +188,8 @@ pub struct WatchCounters {
 #[derive(Clone, Debug)]
 pub struct Watches<const CONDITIONS: usize = { self::CONDITIONS }, const OPERATIONS: usize = { self::OPERATIONS }> {
     slots: [Slot; CONDITIONS],
+    /// What each does to alarms when it fires. Apart from the slots: these are read in every cycle and have to stay in the cache.
+    orders: [Orders; CONDITIONS],
     loaded: usize,
     /// Those before this place are of programs before the present one, whose first has number 0.
     base: usize,
@@ -203,6 +205,9 @@ pub struct Watches<const CONDITIONS: usize = { self::CONDITIONS }, const OPERATI
     firings: Ring<Firing, FIRINGS>,
     counters: WatchCounters,
 }
+
+/// What a watch does to alarms.
+type Orders = [Option<AlarmOrder>; ALARMS_OF_A_WATCH];
 
 /// One watch.
 #[derive(Clone, Copy, Debug)]
@@ -223,7 +228,6 @@ struct Slot {
     unknown: bool,
     /// Where it goes when the program before it is forgotten.
     place: u16,
-    alarms: [Option<AlarmOrder>; ALARMS_OF_A_WATCH],
 }
 
 const EMPTY: Slot = Slot {
@@ -238,7 +242,6 @@ const EMPTY: Slot = Slot {
     settling: false,
     unknown: false,
     place: 0,
-    alarms: [None; ALARMS_OF_A_WATCH],
 };
 
 /// A bit for each alarm.
@@ -306,6 +309,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
         assert!(CONDITIONS <= 1 << 16);
         Watches {
             slots: [EMPTY; CONDITIONS],
+            orders: [[None; ALARMS_OF_A_WATCH]; CONDITIONS],
             loaded: 0,
             base: 0,
             operations: [const { Packed::NONE }; OPERATIONS],
@@ -367,9 +371,9 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
             length: watch.condition.len() as u16,
             frequency: watch.frequency,
             all_modes: watch.all_modes,
-            alarms: core::array::from_fn(|k| watch.alarms.get(k).copied()),
             ..EMPTY
         };
+        self.orders[self.loaded] = core::array::from_fn(|k| watch.alarms.get(k).copied());
         self.used = end;
         self.loaded += 1;
         Ok((self.loaded - 1 - self.base) as u16)
@@ -404,6 +408,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
                 first: used as u32,
                 ..slot
             };
+            self.orders[usize::from(slot.place)] = self.orders[at];
             used += length;
         }
         (self.loaded, self.base, self.used) = (self.runs, self.runs, used);
@@ -653,7 +658,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
     fn fire(&mut self, now: Tick, watch: u16) -> Reaction {
         self.tell(now, watch, true);
         let mut strongest = Reaction::None;
-        for order in self.slots[usize::from(watch)].alarms.into_iter().flatten() {
+        for order in self.orders[usize::from(watch)].into_iter().flatten() {
             let reaction = self.alarms.obey(order);
             strongest = strongest.max(self.react(reaction));
         }
@@ -678,7 +683,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
             watch: number as u16,
             known,
         };
-        let alarms = self.slots[usize::from(slot)].alarms[0].is_some();
+        let alarms = self.orders[usize::from(slot)][0].is_some();
         let room = if alarms { 0 } else { RESERVED };
         if self.firings.free() <= room || self.firings.push(firing).is_err() {
             self.counters.lost_firings += 1;
