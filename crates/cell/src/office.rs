@@ -79,9 +79,9 @@ impl Ended {
         match self {
             Ended::Completed => "the program ran to its end".to_owned(),
             Ended::Alarm(alarm) => alarm.to_string(),
-            Ended::Stopped(cause) => format!("controlled stop: {}", cause.text()),
+            Ended::Stopped(cause) => format!("controlled stop: {cause}"),
             Ended::EmergencyStop => "emergency stop".to_owned(),
-            Ended::Fault(cause) => format!("fault: {}", cause.text()),
+            Ended::Fault(cause) => format!("fault: {cause}"),
             Ended::Waiting => "the machine waits for cycle start and nobody is there".to_owned(),
             Ended::NotHomed => "the machine is not homed and nobody is there: home it, then start again".to_owned(),
         }

@@ -81,7 +81,7 @@ impl Story<'_> {
             ));
         }
         let compared = Compared::of(&here.folder.join("record.parquet"), &there.folder.join("record.parquet"))?;
-        let kept_away = matches!(&there.outcome.ended, Ended::Stopped(cause) if matches!(cause, StopCause::Late | StopCause::Starved))
+        let kept_away = matches!(&there.outcome.ended, Ended::Stopped(cause) if matches!(cause, StopCause::Late { .. } | StopCause::Starved))
             || matches!(&there.outcome.ended, Ended::Fault(_)) && driven.late_ticks > 0;
         let completed = there.outcome.ended == Ended::Completed;
         (self.tell)(&if completed {
