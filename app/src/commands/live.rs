@@ -33,7 +33,6 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
         )));
     }
     let start = clock::start_time(common.start.as_deref())?;
-    let stop = stopped_by_signals()?;
     let asked = people::shown_to_others(common);
     let driver = Driver::connect(
         common,
@@ -41,8 +40,8 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
         false,
         &format!("live job of {asked}"),
         start,
-        Duration::ZERO,
     )?;
+    let stop = stopped_by_signals()?;
     let machine = &driver.machine;
     let mut directory = shop::data_directory(common)?;
     shop::retain(&mut directory, machine, start)?;
@@ -51,7 +50,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
     let who = acting.name.clone();
     directory.take_over(machine, &who, start).map_err(shop::failure)?;
     let mut tables = directory.tables(machine).map_err(shop::failure)?;
-    driver.place(&mut tables)?;
+    driver.place(&mut tables, args.home)?;
 
     let cannot = |e: std::io::Error| {
         Failure::machine(format_args!(

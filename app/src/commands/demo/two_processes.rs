@@ -124,9 +124,9 @@ impl Story<'_> {
         let at = address::read(&controller.address)?;
         let name = format!("{} of {who}", program.name);
         let plan = PlanId(Hash::of(format!("{name} {}", start.0).as_bytes()).0);
-        let (remote, found) = Remote::connect(&at, None, &name, plan, &shop::parameters(&machine), Duration::ZERO)?;
+        let (remote, found) = Remote::connect(&at, None, &name, plan, &shop::parameters(&machine))?;
         let mut tables = self.directory.tables(&machine).map_err(shop::failure)?;
-        tables.position = Point::from_xyz(make_ready(&remote)?.sample.commanded);
+        tables.position = Point::from_xyz(make_ready(&remote, true)?.sample.commanded);
         let order = Order {
             work: Work::Program(program),
             machine: &machine,
