@@ -134,6 +134,46 @@ fn the_first_ctrl_c_ends_a_run_whose_controller_is_gone_and_says_that_nobody_kno
 }
 
 #[test]
+fn a_run_with_the_start_of_a_killed_one_begins_at_the_beginning_all_the_same() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let machine = machine_file(folder.path(), "");
+    let controller = Controller::begin(&machine, &[], &folder.path().join("other"));
+    let plate = folder.path().join("plate.nc");
+    std::fs::write(&plate, PLATE).expect("written");
+    let start = |data: &str| {
+        let mut command = toolmark(&["run", &plate.display().to_string(), "--json"], &folder.path().join(data));
+        command.args(["--machine", &controller.address, "--machine-file", &machine]);
+        command.args(["--start", "2026-11-22T09:00:00Z"]);
+        command
+    };
+    let mut killed = start("data")
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("it starts");
+    let begun = rows_came(&folder.path().join("data"), 1, 1500);
+    killed.kill().expect("it runs"); // SIGKILL on Unix
+    killed.wait().expect("it ends");
+    assert!(begun);
+    for attempt in 0..4 {
+        let done = start(&format!("again-{attempt}")).output().expect("it runs");
+        let answer: Value = serde_json::from_slice(&done.stdout).unwrap_or(Value::Null);
+        println!("{attempt}: {} {}", answer["text"], answer["driven"]);
+        if was_late(&answer) {
+            continue;
+        }
+        assert_eq!(
+            (done.status.code(), &answer["ended"]),
+            (Some(0), &Value::from("completed")),
+            "{answer}"
+        );
+        assert_eq!(answer["report"]["verdict"], "good", "{answer}");
+        return;
+    }
+    panic!("four runs were kept from the processor");
+}
+
+#[test]
 fn a_machine_that_is_kept_for_a_killed_run_is_waited_for_and_who_had_it_is_said() {
     let folder = tempfile::tempdir().expect("a folder");
     let machine = machine_file(folder.path(), "");

@@ -34,13 +34,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
     }
     let start = clock::start_time(common.start.as_deref())?;
     let asked = people::shown_to_others(common);
-    let driver = Driver::connect(
-        common,
-        args.machine_file.as_deref(),
-        false,
-        &format!("live job of {asked}"),
-        start,
-    )?;
+    let driver = Driver::connect(common, args.machine_file.as_deref(), false, &format!("live job of {asked}"))?;
     let stop = stopped_by_signals()?;
     let machine = &driver.machine;
     let mut directory = shop::data_directory(common)?;

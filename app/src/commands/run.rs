@@ -6,7 +6,7 @@ use crate::cli::{Common, LinkName, RunArgs};
 use crate::cycle_start::{self, Checked};
 use crate::execution::{Asked, Drives, Order, Run, Work, run as execute};
 use crate::failure::{Exit, Failure};
-use crate::link::remote::{Machine, Remote};
+use crate::link::remote::{Machine, Remote, plan_of_its_own};
 use crate::link::text_run::{Begins, REPORT_PORT};
 use crate::link::{address, certificates, driving, text_run};
 use crate::overriding::Overriding;
@@ -17,8 +17,7 @@ use crate::taking_up::{self, TakeUp, TakenUp};
 use crate::{clock, functions, report, say, shop};
 use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
-use ledger::{Action, Hash};
-use machine::link::PlanId;
+use ledger::Action;
 use motion::Trajectory;
 use plan::{ProgramStream, Tables};
 use serde_json::json;
@@ -59,7 +58,6 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         args.machine_file.as_deref(),
         program.turns(),
         &format!("{} of {asked}", program.name),
-        start,
     )?;
     let machine = driver.machine.clone();
     let stop = super::stopped_by_signals()?;
@@ -382,7 +380,7 @@ impl Driver {
     ///
     /// # Errors
     /// The machine file cannot be read, nobody answers, or the controller's machine is another one.
-    pub fn connect(common: &Common, file: Option<&Path>, turns: bool, name: &str, start: Timestamp) -> Result<Driver, Failure> {
+    pub fn connect(common: &Common, file: Option<&Path>, turns: bool, name: &str) -> Result<Driver, Failure> {
         if !address::is_address(&common.machine) {
             if file.is_some() {
                 return Err(Failure::usage(
@@ -397,9 +395,7 @@ impl Driver {
         let loopback = address.resolve()?.iter().all(|a| a.ip().is_loopback());
         let client = certificates::for_connecting(&address.host, loopback, &machine.link)?;
         // Each run is a plan of its own: it begins where the machine stands now.
-        let plan = Hash::of(format!("{name} {}", start.0).as_bytes());
-        let plan = PlanId(plan.0);
-        let connected = Remote::connect(&address, client, name, plan, &shop::parameters(&machine));
+        let connected = Remote::connect(&address, client, name, plan_of_its_own(name)?, &shop::parameters(&machine));
         let (remote, found) = connected.map_err(|mut failure| {
             if failure.message.contains("other limits") {
                 let kind = if turns { "program turns" } else { "program mills" };

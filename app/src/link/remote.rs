@@ -6,8 +6,10 @@
 use super::address::Address;
 use super::certificates::Client;
 use super::socket::Socket;
+use crate::clock;
 use crate::failure::Failure;
 use cell::link::{LinkError, LinkSender, Load, SenderStatus};
+use ledger::Hash;
 use machine::link::message::Refusal;
 use machine::link::{Loaded, PlanId};
 use machine::watch::Firing;
@@ -48,6 +50,17 @@ pub struct Machine {
     pub name: String,
     /// What its measurements are worth.
     pub quality: Quality,
+}
+
+/// The name of a run's plan on the link, which no other run has: one that was killed may have had the same name and the same `--start`, and the
+/// controller would take this one for its continuation.
+///
+/// # Errors
+/// The clock is outside the years that there are.
+pub fn plan_of_its_own(name: &str) -> Result<PlanId, Failure> {
+    let now = clock::start_time(None)?;
+    let process = std::process::id();
+    Ok(PlanId(Hash::of(format!("{name} {} {process}", now.0).as_bytes()).0))
 }
 
 /// One cycle of the machine.
