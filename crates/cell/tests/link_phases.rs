@@ -88,7 +88,7 @@ fn hold(world: &mut LinkedWorld<'_, Planned>) {
 fn phases(parameters: MachineParameters) -> BTreeMap<&'static str, [u64; 3]> {
     let program = program();
     let mut phases: BTreeMap<&str, [u64; 3]> = BTreeMap::new();
-    let (mut before, mut locked) = (State::Off, false);
+    let (mut before, mut dwelt) = (State::Off, false);
     let held = parameters.absolute_encoders;
     let v = machined_in(config(parameters, vec![]), &program, false, |world| {
         if held {
@@ -96,7 +96,9 @@ fn phases(parameters: MachineParameters) -> BTreeMap<&'static str, [u64; 3]> {
         }
         let state = world.realtime().controller().state();
         let z = world.reported().map_or(0.0, |report| report.sample.commanded[2]);
-        locked = state == State::Running && z < -1.0 && z > -6.0;
+        // The thread is what goes down before the dwell; the way back goes through the same heights.
+        dwelt |= state == State::Waiting(Wait::Dwell);
+        let threads = !dwelt && z < -1.0 && z > -6.0;
         let name = match state {
             State::Homing { .. } => "homing",
             State::Waiting(Wait::Tool | Wait::ToolAway) => "tool change",
@@ -106,7 +108,7 @@ fn phases(parameters: MachineParameters) -> BTreeMap<&'static str, [u64; 3]> {
             State::Holding => "slowing down to a hold",
             State::Held => "hold",
             State::Resuming => "going on",
-            State::Running if locked => "thread",
+            State::Running if threads => "thread",
             State::Running if matches!(before, State::Held) => "gone on",
             State::Running => "cut",
             _ => "other",
