@@ -134,6 +134,7 @@ fn words_of(kind: &StepKind) -> Option<String> {
         StepKind::ToolOffset(offset) => format!("tool offset {}", offset.number),
         StepKind::Spindle(spindle) => spindle_words(spindle),
         StepKind::Coolant(coolant) => coolant_words(coolant),
+        StepKind::NcFunction(function) if function.text.trim().is_empty() => format!("functions along '{}'", function.name),
         StepKind::NcFunction(function) => function.text.trim().to_owned(),
         _ => return None,
     })
@@ -335,6 +336,8 @@ fn take_up(
     }
     let mut survey = Survey::new(&program.name);
     let mut begun: Vec<(String, Vec<Marker>, RawNcFunction)> = vec![];
+    // What is along the present toolpath ends with it, and belongs to all that is left of it.
+    let mut along: Vec<(Vec<Marker>, RawNcFunction)> = vec![];
     let mut left_out: Vec<String> = vec![];
     let (mut moved, mut there) = (false, Modal::default());
     walk(program, tables, &answers, |step, modal| {
@@ -346,6 +349,13 @@ fn take_up(
         match &step.kind {
             StepKind::Begin(marker) if marker.level == Level::Workingstep => left_out.push(marker.name.clone()),
             StepKind::Move(_) | StepKind::MachineMove(_) | StepKind::Dwell(_) => moved = true,
+            StepKind::Begin(Marker {
+                level: Level::Toolpath, ..
+            })
+            | StepKind::End(Level::Toolpath) => along.clear(),
+            StepKind::NcFunction(function) if function.kind == trace::survey::ALONG => {
+                along.push((modal.open.clone(), function.clone()));
+            }
             StepKind::NcFunction(function) => {
                 let active = active(&survey);
                 begun.retain(|(key, ..)| active.contains(key));
@@ -382,7 +392,9 @@ fn take_up(
         after_job,
         functions: begun
             .into_iter()
-            .map(|(_, open, function)| (around(&open), function))
+            .map(|(_, open, function)| (open, function))
+            .chain(along)
+            .map(|(open, function)| (around(&open), function))
             .collect(),
         answers,
         approach: Approach {

@@ -268,6 +268,24 @@ fn what_functions_had_begun_goes_on_after_the_restart() {
 }
 
 #[test]
+fn a_recording_along_a_path_records_what_is_left_of_it() {
+    let sample = "../../shared/samples/stepnc/ap238/plate_trace_functions_e3.stpnc";
+    let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join(sample);
+    if !sample.exists() {
+        println!("skipped: put the samples beside the repository in ../shared/samples");
+        return;
+    }
+    let shop = Shop::new();
+    // Its toolpath 'cut recorded' begins at step 20, what is along it at 21, and its first move is 22.
+    let (run, _) = shop.run("part", &[&sample.display().to_string(), "--from", "step:22"]);
+    let restored = texts(&run["restart"]["restored"]).join("\n");
+    assert!(restored.contains("functions along 'cut recorded'"), "{restored}");
+    let told = run["functions"].as_array().expect("records");
+    let ended = told.iter().find(|t| t["data"]["why"] == "end of the path").expect("it ends with its path");
+    assert!(ended["data"]["samples"].as_u64().is_some_and(|n| n > 5_000), "{ended}");
+}
+
+#[test]
 fn a_run_as_an_agent_saw_it_begins_where_it_was_taken_up() {
     let shop = Shop::new();
     let (run, _) = shop.run("part", &[&corpus("plate.nc"), "--from", "N380", "--as-mtconnect", "20"]);

@@ -11,6 +11,7 @@ use units::{Tick, WorkingstepId};
 
 const CONDITIONS: usize = 4096;
 const CYCLES: u64 = 20_000;
+const TRUE: usize = 61;
 /// A tenth of the cycle, microseconds.
 const BUDGET: f64 = 100.0;
 
@@ -27,8 +28,8 @@ fn main() {
     let signals = SIGNALS.len() as u8 - 2;
     for n in 0..CONDITIONS {
         let signal = |k: usize| ((n * 7 + k * 11) % usize::from(signals)) as u8;
-        // One in a hundred is true in every cycle.
-        let fires = n % 100 == 0;
+        // One in 61 is true in every cycle: those of EVERY and WHEN among them fire once only, so that one in a hundred fires.
+        let fires = n % TRUE == 0;
         let limit = if fires { -1e9 } else { 1e9 };
         let condition = [
             Operation::Compare(signal(0), Relation::GreaterOrEqual, -1e9 - n as f64),
@@ -38,7 +39,7 @@ fn main() {
             Operation::And,
         ];
         // Every cycle needs no condition; few of them are among the firing ones.
-        let frequency = if fires { kinds[n / 100 % 5] } else { kinds[n % 4] };
+        let frequency = if fires { kinds[n / TRUE % 5] } else { kinds[n % 4] };
         let operations: &[Operation] = if frequency == Frequency::NoKeyword { &[] } else { &condition };
         let number = watches.load(&Watch {
             frequency,
