@@ -281,7 +281,10 @@ fn a_recording_along_a_path_records_what_is_left_of_it() {
     let restored = texts(&run["restart"]["restored"]).join("\n");
     assert!(restored.contains("functions along 'cut recorded'"), "{restored}");
     let told = run["functions"].as_array().expect("records");
-    let ended = told.iter().find(|t| t["data"]["why"] == "end of the path").expect("it ends with its path");
+    let ended = told
+        .iter()
+        .find(|t| t["data"]["why"] == "end of the path")
+        .expect("it ends with its path");
     assert!(ended["data"]["samples"].as_u64().is_some_and(|n| n > 5_000), "{ended}");
 }
 

@@ -140,13 +140,19 @@ impl Drop for Controller {
     }
 }
 
-/// Waits until so many rows of the data directory's job are on disk; false when they never come.
-pub fn rows_came(data: &Path, job: u32, rows: u64) -> bool {
+/// Waits until so many rows of the data directory's job are on disk; false when its run is over before, or they never come.
+pub fn rows_came(data: &Path, job: u32, rows: u64, run: &mut Child) -> bool {
     let segment = data.join(format!("segments/job-{job:06}/0001.segment"));
-    (0..1200).any(|_| {
+    let came = |_| {
         std::thread::sleep(Duration::from_millis(50));
-        store::segment::read(&segment).is_ok_and(|found| found.rows > rows)
-    })
+        match run.try_wait() {
+            Ok(None) => store::segment::read(&segment)
+                .is_ok_and(|found| found.rows > rows)
+                .then_some(true),
+            _ => Some(false),
+        }
+    };
+    (0..1200).find_map(came).unwrap_or(false)
 }
 
 /// Ctrl-C.
