@@ -204,6 +204,9 @@ pub struct LiveArgs {
     /// The file of a machine behind tcp:// [default: machine.toml of the data directory, else the simulated machine].
     #[arg(long, value_name = "F.toml")]
     pub machine_file: Option<PathBuf>,
+    /// With tcp://: where the machine does not know where its axes are, it looks for its references first. It moves: look at it before.
+    #[arg(long)]
+    pub home: bool,
 }
 const OPERATOR_HELP: &str = "\
 Until the first operator is made, whoever sits here acts as `local`, level 1. From then on a change needs an operator: --operator NAME, or
@@ -536,6 +539,9 @@ pub struct RunArgs {
     /// Take up the run of this job, by its number or `last`, at the step it was on when it was interrupted.
     #[arg(long, value_name = "JOB", conflicts_with = "from")]
     pub resume: Option<String>,
+    /// With tcp://: where the machine does not know where its axes are, it looks for its references first. It moves: look at it before.
+    #[arg(long)]
+    pub home: bool,
     /// With tcp://: after a cut the machine may be led straight back to its path at 10 mm/s from so far away, mm.
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub approach: Option<f64>,

@@ -322,9 +322,19 @@ fn a_controller_that_was_away_for_two_seconds_does_not_refuse_its_own_sender() {
     let code = run.wait().expect("it ends").code();
     let answer: Value = serde_json::from_str(&text).unwrap_or_else(|e| panic!("{e}: {text}"));
     println!("{} {} {}", answer["ended"], answer["text"], answer["driven"]);
-    // How the machine ended is its own: it stood still for longer than even simulated drives wait.
+    // It stood still for longer than even simulated drives wait, and everybody reads that.
     assert_eq!(code, Some(1), "{answer}");
     assert!(["stopped", "fault"].iter().any(|word| answer["ended"] == *word), "{answer}");
+    let text = answer["text"].as_str().expect("a sentence");
+    assert!(
+        text.contains("the controller was away for ") && text.contains(" servo cycles at once; 500 are tolerated"),
+        "{text}"
+    );
+    assert!(
+        answer["report"]["findings"].to_string().contains("500 are tolerated"),
+        "{answer}"
+    );
+    assert!(answer["driven"]["late_ticks"].as_u64() > Some(1500), "{answer}");
     assert!(answer["driven"]["leases"].as_u64() > Some(1), "{answer}");
 }
 

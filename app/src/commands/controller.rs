@@ -66,17 +66,16 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
     }
     let drives = Drives::of(&machine, &parameters, common.seed)?;
     let quality = drives.quality();
-    let (mut servo, mut ends) = Servo::new(
-        RealtimeHalf::with_pad(&parameters, drives, pad, quality),
-        (!text).then(Follower::new),
-    );
-    let _ = ends.at_once.push(AtOnce::Request(Request::PowerOn));
     // Real drives go on while this computer is away; simulated ones wait.
     let made_up = if quality == Quality::Simulated {
         machine.late_ticks_made_up
     } else {
         0
     };
+    let mut half = RealtimeHalf::with_pad(&parameters, drives, pad, quality);
+    half.made_up_for(made_up);
+    let (mut servo, mut ends) = Servo::new(half, (!text).then(Follower::new));
+    let _ = ends.at_once.push(AtOnce::Request(Request::PowerOn));
     let (punctuality, ended) = (Arc::new(Punctuality::default()), Arc::new(AtomicBool::new(false)));
     let (to_privileges, privileges) = mpsc::channel();
     let realtime = std::thread::spawn({
@@ -123,8 +122,8 @@ pub fn controller(args: &ControllerArgs, common: &Common) -> Done {
             eprintln!("notice: --record is for the text protocol; over the default link the driving side has every sample");
         }
         let receiver = LinkReceiver::new(MachineCard::new(&machine.name, quality, &parameters));
-        serve(&listener, server.as_ref(), receiver, ends, &stop, &mut |notice| {
-            eprintln!("{notice}")
+        serve(&listener, server.as_ref(), receiver, ends, &stop, &mut |line| {
+            eprintln!("{line}")
         })
     };
     ended.store(true, Relaxed);

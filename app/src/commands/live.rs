@@ -33,16 +33,9 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
         )));
     }
     let start = clock::start_time(common.start.as_deref())?;
-    let stop = stopped_by_signals()?;
     let asked = people::shown_to_others(common);
-    let driver = Driver::connect(
-        common,
-        args.machine_file.as_deref(),
-        false,
-        &format!("live job of {asked}"),
-        start,
-        Duration::ZERO,
-    )?;
+    let driver = Driver::connect(common, args.machine_file.as_deref(), false, &format!("live job of {asked}"))?;
+    let stop = stopped_by_signals()?;
     let machine = &driver.machine;
     let mut directory = shop::data_directory(common)?;
     shop::retain(&mut directory, machine, start)?;
@@ -51,7 +44,7 @@ pub fn live(args: &LiveArgs, common: &Common) -> Done {
     let who = acting.name.clone();
     directory.take_over(machine, &who, start).map_err(shop::failure)?;
     let mut tables = directory.tables(machine).map_err(shop::failure)?;
-    driver.place(&mut tables)?;
+    driver.place(&mut tables, args.home)?;
 
     let cannot = |e: std::io::Error| {
         Failure::machine(format_args!(

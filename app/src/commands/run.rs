@@ -6,7 +6,7 @@ use crate::cli::{Common, LinkName, RunArgs};
 use crate::cycle_start::{self, Checked};
 use crate::execution::{Asked, Drives, Order, Run, Work, run as execute};
 use crate::failure::{Exit, Failure};
-use crate::link::remote::{Machine, Remote};
+use crate::link::remote::{Machine, Remote, plan_of_its_own};
 use crate::link::text_run::{Begins, REPORT_PORT};
 use crate::link::{address, certificates, driving, text_run};
 use crate::overriding::Overriding;
@@ -17,13 +17,11 @@ use crate::taking_up::{self, TakeUp, TakenUp};
 use crate::{clock, functions, report, say, shop};
 use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
-use ledger::{Action, Hash};
-use machine::link::PlanId;
+use ledger::Action;
 use motion::Trajectory;
 use plan::{ProgramStream, Tables};
 use serde_json::json;
 use std::path::Path;
-use std::time::Duration;
 use store::{DataDirectory, MachineFile};
 use units::{Point, Seconds, Timestamp, ToolNumber};
 
@@ -60,12 +58,6 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
         args.machine_file.as_deref(),
         program.turns(),
         &format!("{} of {asked}", program.name),
-        start,
-        if args.resume.is_some() {
-            A_DEAD_DRIVER
-        } else {
-            Duration::ZERO
-        },
     )?;
     let machine = driver.machine.clone();
     let stop = super::stopped_by_signals()?;
@@ -76,7 +68,7 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let who = acting.name.clone();
     directory.take_over(&machine, &who, start).map_err(shop::failure)?;
     let mut tables = directory.tables(&machine).map_err(shop::failure)?;
-    let in_spindle = driver.place(&mut tables)?;
+    let in_spindle = driver.place(&mut tables, args.home)?;
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
 
     let take_up = taken_up(args, &program, &tables, &machine, (&acting, &mut directory), start)?;
@@ -278,8 +270,6 @@ fn approach_of(args: &RunArgs, common: &Common) -> Result<Option<f64>, Failure> 
     }
 }
 
-/// A controller keeps the machine for a run that died for five seconds.
-const A_DEAD_DRIVER: Duration = Duration::from_secs(8);
 /// From further away than this nobody is led straight back to a path, mm.
 const MOST_APPROACH: f64 = 100.0;
 
@@ -386,19 +376,11 @@ pub fn drives_of(driver: &Driver) -> Drives<'_> {
 }
 
 impl Driver {
-    /// The machine that `--machine` means; a controller is connected to, as `name`. Another one that drives it is waited for as long as
-    /// `patience`.
+    /// The machine that `--machine` means; a controller is connected to, as `name`.
     ///
     /// # Errors
     /// The machine file cannot be read, nobody answers, or the controller's machine is another one.
-    pub fn connect(
-        common: &Common,
-        file: Option<&Path>,
-        turns: bool,
-        name: &str,
-        start: Timestamp,
-        patience: Duration,
-    ) -> Result<Driver, Failure> {
+    pub fn connect(common: &Common, file: Option<&Path>, turns: bool, name: &str) -> Result<Driver, Failure> {
         if !address::is_address(&common.machine) {
             if file.is_some() {
                 return Err(Failure::usage(
@@ -413,9 +395,7 @@ impl Driver {
         let loopback = address.resolve()?.iter().all(|a| a.ip().is_loopback());
         let client = certificates::for_connecting(&address.host, loopback, &machine.link)?;
         // Each run is a plan of its own: it begins where the machine stands now.
-        let plan = Hash::of(format!("{name} {}", start.0).as_bytes());
-        let plan = PlanId(plan.0);
-        let connected = Remote::connect(&address, client, name, plan, &shop::parameters(&machine), patience);
+        let connected = Remote::connect(&address, client, name, plan_of_its_own(name)?, &shop::parameters(&machine));
         let (remote, found) = connected.map_err(|mut failure| {
             if failure.message.contains("other limits") {
                 let kind = if turns { "program turns" } else { "program mills" };
@@ -438,15 +418,16 @@ impl Driver {
         })
     }
 
-    /// Puts the place where the machine stands into the tables: that is where a plan begins. Gives the tool that it has.
+    /// Puts the place where the machine stands into the tables: that is where a plan begins. Gives the tool that it has. Where `home` allows
+    /// it a machine that does not know where its axes are looks for its references first; at a simulated one somebody does it.
     ///
     /// # Errors
     /// The machine does not become ready.
-    pub fn place(&self, tables: &mut Tables) -> Result<ToolNumber, Failure> {
+    pub fn place(&self, tables: &mut Tables, home: bool) -> Result<ToolNumber, Failure> {
         let Some((remote, _)) = &self.behind else {
             return Ok(ToolNumber(0));
         };
-        let report = driving::make_ready(remote)?;
+        let report = driving::make_ready(remote, home || self.is_simulated())?;
         tables.position = Point::from_xyz(report.sample.commanded);
         Ok(report.sample.tool)
     }

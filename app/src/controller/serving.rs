@@ -8,7 +8,7 @@ use crate::link::certificates::Server;
 use crate::link::socket::Socket;
 use cell::link::{Connection, LinkReceiver, Notice};
 use machine::link::UrgentOrder;
-use machine::{Counters, Report, Request};
+use machine::{Counters, Report, Request, State, StopCause};
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::net::TcpListener;
@@ -47,7 +47,7 @@ pub fn serve(
     mut receiver: LinkReceiver,
     mut ends: Ends,
     stop: &AtomicBool,
-    say: &mut dyn FnMut(&Notice),
+    say: &mut dyn FnMut(&str),
 ) -> Served {
     let began = Instant::now();
     let mut sockets: BTreeMap<Connection, Socket> = BTreeMap::new();
@@ -56,6 +56,8 @@ pub fn serve(
     let mut urgent: Option<UrgentOrder> = None;
     let mut last: Option<Report> = None;
     let mut lost_told = 0;
+    let mut trouble = Trouble::default();
+    let mut said = String::new();
     let mut stopping: Option<Instant> = None;
     let (mut bytes, mut out) = (Vec::new(), Vec::new());
     loop {
@@ -102,6 +104,9 @@ pub fn serve(
         while let Ok(Told { report, status }) = ends.told.pop() {
             served.counters = report.counters;
             last = Some(report);
+            if let Some(line) = trouble.line(report.state) {
+                say(&line);
+            }
             while ends.firings.peek().is_ok_and(|firing| firing.tick <= report.sample.tick) {
                 ends.firings.pop().into_iter().for_each(|firing| receiver.fired(firing));
             }
@@ -132,7 +137,12 @@ pub fn serve(
                 Notice::Refused { .. } => served.refused += 1,
                 _ => {}
             }
-            say(&notice);
+            // Who waits for the machine asks again and again.
+            let line = notice.to_string();
+            if line != said {
+                say(&line);
+                said = line;
+            }
         }
 
         // ---- the end
@@ -177,6 +187,24 @@ fn accept(
         *last = last.wrapping_add(1);
         sockets.insert(*last, socket);
         receiver.connected(*last, now);
+    }
+}
+
+/// What the machine cannot go on with, each once as it begins.
+#[derive(Default)]
+pub struct Trouble {
+    before: State,
+}
+
+impl Trouble {
+    /// The line for whoever looks at the controller.
+    pub fn line(&mut self, state: State) -> Option<String> {
+        let before = std::mem::replace(&mut self.before, state);
+        match state {
+            State::Fault(cause) if before != state => Some(format!("fault: {cause}")),
+            State::Stopping(cause @ StopCause::Late { .. }) if before != state => Some(format!("controlled stop: {cause}")),
+            _ => None,
+        }
     }
 }
 

@@ -6,7 +6,7 @@
 
 use super::realtime::{AtOnce, Ends, Queued, Told};
 use super::recording::Recording;
-use super::serving::{Served, stands};
+use super::serving::{Served, Trouble, stands};
 use crate::link::socket::Socket;
 use cell::link::{TextNotice, TextOrder, TextReceiver};
 use machine::{Report, Request, State};
@@ -54,6 +54,7 @@ pub fn serve(
     // Commands that went to the realtime thread.
     let mut given: u64 = 0;
     let mut bytes = Vec::new();
+    let mut trouble = Trouble::default();
     loop {
         // ---- the receiving task
         while let Some((stream, from)) = accepted(place.listener) {
@@ -114,6 +115,9 @@ pub fn serve(
         while let Ok(Told { report, .. }) = ends.told.pop() {
             served.counters = report.counters;
             last = Some(report);
+            if let Some(line) = trouble.line(report.state) {
+                say(&line);
+            }
             receiver.reported(&report);
             let done = report.counters.completed + report.counters.discarded;
             if let Some(recording) = recording

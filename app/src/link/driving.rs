@@ -27,15 +27,21 @@ const LOOK: Duration = Duration::from_millis(5);
 /// How long a machine may take to become ready.
 const BECOMING_READY: Duration = Duration::from_secs(3);
 
+/// How long a machine that stands may take to say so after a stop, and a link to come back.
+const STOPPING_AT_REST: Duration = Duration::from_millis(500);
+/// A stop is asked for again while the machine still moves: it may have begun only then.
+const STOP_AGAIN: Duration = Duration::from_secs(1);
+
 /// How long a machine may take for one condition of a program.
 const LOADING: Duration = Duration::from_secs(10);
 
-/// Makes the machine ready for a new run: acknowledges what the last one left, and waits until it stands ready.
+/// Makes the machine ready for a new run: acknowledges what the last one left, looks for its references where it does not know where its
+/// axes are and `home` allows it, and waits until it stands ready.
 ///
 /// # Errors
 /// It does not become ready: the emergency stop is pressed, a fault stays, or another has to do something there.
-pub fn make_ready(remote: &Remote) -> Result<Report, Failure> {
-    let began = Instant::now();
+pub fn make_ready(remote: &Remote, home: bool) -> Result<Report, Failure> {
+    let mut began = Instant::now();
     let mut asked: Option<(Request, Instant)> = None;
     loop {
         let last = remote.last_report()?;
@@ -48,6 +54,13 @@ pub fn make_ready(remote: &Remote) -> Result<Report, Failure> {
                 None
             }
             Some(State::Off) => Some(Request::PowerOn),
+            // It finds its references before it does anything else.
+            Some(State::NotHomed) if home => Some(Request::Home),
+            Some(State::Homing { .. }) => {
+                // It takes as long as its axes are: what fails is a fault there.
+                began = Instant::now();
+                None
+            }
             // What a run left that died, or another one that was held: it is given up, by who starts a new one.
             Some(State::Held | State::Paused) => Some(Request::Stop),
             Some(state) if state.needs_a_person() && state != State::EmergencyStop => Some(Request::Reset),
@@ -60,6 +73,13 @@ pub fn make_ready(remote: &Remote) -> Result<Report, Failure> {
             asked = Some((request, Instant::now()));
         }
         if began.elapsed() > BECOMING_READY {
+            if state == Some(State::NotHomed) {
+                return Err(Failure::machine(format_args!(
+                    "{}: the machine does not know where its axes are: home it at its pad, or let the run begin with it (--home); nothing was \
+                     moved",
+                    remote.address
+                )));
+            }
             let state = state.map_or_else(|| "it does not report".to_owned(), |state| format!("its state is {state:?}"));
             return Err(Failure::machine(format_args!(
                 "{}: the machine does not become ready: {state}; release the emergency stop and look at the machine",
@@ -158,7 +178,7 @@ pub fn run<S: CommandSource, K: RecordSink>(
     let mut progress = Progress::new("running");
     let mut own = OwnCount::default();
     let mut now = Tick(0);
-    let mut stop_asked = false;
+    let mut stopping: Option<Stopping> = None;
     let mut told_displaced = false;
     let mut kept_at = 0;
     // The machine has what the office wants loaded, and has not answered yet.
@@ -194,12 +214,27 @@ pub fn run<S: CommandSource, K: RecordSink>(
         }
         office.firings_lost(remote.lost_firings());
         office.reports_lost(remote.lost_reports(), now, &mut seen);
-        if drive.stop.load(Relaxed) && !stop_asked {
-            stop_asked = true;
-            eprintln!(
-                "notice: controlled stop on the path; a second Ctrl-C ends this program at once, and the machine stops by itself"
-            );
-            remote.request(Request::Stop);
+        if drive.stop.load(Relaxed) {
+            let stopping = stopping.get_or_insert_with(|| {
+                eprintln!(
+                    "notice: controlled stop on the path; a second Ctrl-C ends this program at once, and the machine stops by itself"
+                );
+                remote.request(Request::Stop);
+                Stopping::at(Instant::now())
+            });
+            match stopping.next(
+                remote.status().0.linked,
+                own.newest().map(|report| report.state),
+                Instant::now(),
+            ) {
+                Next::Wait => {}
+                Next::AskAgain => remote.request(Request::Stop),
+                Next::IsCut => return Err(cut_while_stopping(remote)),
+                Next::IsOver => own
+                    .newest()
+                    .into_iter()
+                    .for_each(|report| office.stopped_at_rest(&report, &mut seen)),
+            }
         }
         while let Some(request) = (drive.requests)() {
             remote.request(request);
@@ -257,6 +292,72 @@ pub fn run<S: CommandSource, K: RecordSink>(
             return Ok((outcome, seen.watched.driven(&seen.counters, on)));
         }
     }
+}
+
+/// A stop that a person has asked for, until the office hears that the machine has made it.
+struct Stopping {
+    asked: Instant,
+    /// Since when the machine stands without the program, or is not heard of.
+    idle: Option<Instant>,
+    cut: Option<Instant>,
+}
+
+/// What is to be done about it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Next {
+    /// The machine is stopping, or says that it has.
+    Wait,
+    /// It moves, as if it had not heard.
+    AskAgain,
+    /// It stands ready and there is nothing that a stop could end: it was started again and waits for cycle start, or has not begun.
+    IsOver,
+    /// There is no link: the controller is dead, or far.
+    IsCut,
+}
+
+impl Stopping {
+    fn at(asked: Instant) -> Stopping {
+        Stopping {
+            asked,
+            idle: None,
+            cut: None,
+        }
+    }
+
+    /// With the link there or not, and the machine's last state.
+    fn next(&mut self, linked: bool, state: Option<State>, now: Instant) -> Next {
+        let lasts = |since: &mut Option<Instant>, is_so: bool| {
+            *since = is_so.then(|| since.unwrap_or(now));
+            since.is_some_and(|at| now - at >= STOPPING_AT_REST)
+        };
+        if lasts(&mut self.cut, !linked) {
+            return Next::IsCut;
+        }
+        let stands = matches!(state, Some(State::Ready | State::NotHomed | State::Off));
+        if lasts(&mut self.idle, linked && stands) {
+            return Next::IsOver;
+        }
+        let is_on_its_way = matches!(
+            state,
+            None | Some(
+                State::Stopping(_) | State::Stopped(_) | State::Fault(_) | State::EmergencyStop | State::EmergencyStopReleased
+            )
+        );
+        if linked && !stands && !is_on_its_way && now - self.asked >= STOP_AGAIN {
+            self.asked = now;
+            return Next::AskAgain;
+        }
+        Next::Wait
+    }
+}
+
+/// What is said when a person ends a run whose controller is not there.
+fn cut_while_stopping(remote: &Remote) -> Failure {
+    Failure::machine(format_args!(
+        "{}: stop was asked while the link to the controller is cut. Without its driver a controller stops the machine on its path by itself; \
+         nobody here knows where it stands: look at it",
+        remote.address
+    ))
 }
 
 /// What is said when the machine stands beside its path and does not go back by itself.
@@ -352,5 +453,43 @@ pub fn source_word(quality: Quality) -> &'static str {
     match quality {
         Quality::Simulated => "SIMULATED",
         _ => "controller",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use machine::StopCause;
+
+    #[test]
+    fn a_stop_that_was_asked_ends_the_run_whatever_the_machine_and_the_link_are_doing() {
+        let began = Instant::now();
+        let after = |ms| began + Duration::from_millis(ms);
+        // It brakes, and says that it stands: the office ends the run.
+        let mut stopping = Stopping::at(began);
+        for ms in (0..5000).step_by(5) {
+            let state = if ms < 200 {
+                State::Stopping(StopCause::Asked)
+            } else {
+                State::Stopped(StopCause::Asked)
+            };
+            assert_eq!(stopping.next(true, Some(state), after(ms)), Next::Wait);
+        }
+        // It was started again and stands ready; a moment of it is nothing.
+        let mut stopping = Stopping::at(began);
+        assert_eq!(stopping.next(true, Some(State::Ready), after(0)), Next::Wait);
+        assert_eq!(stopping.next(true, Some(State::Running), after(400)), Next::Wait);
+        assert_eq!(stopping.next(true, Some(State::Running), after(1000)), Next::AskAgain);
+        assert_eq!(stopping.next(true, Some(State::Ready), after(1100)), Next::Wait);
+        assert_eq!(stopping.next(true, Some(State::Ready), after(1600)), Next::IsOver);
+        // Nobody is there; a cut that is over is none.
+        let mut stopping = Stopping::at(began);
+        assert_eq!(stopping.next(false, Some(State::Running), after(0)), Next::Wait);
+        assert_eq!(
+            stopping.next(true, Some(State::Stopping(StopCause::Asked)), after(300)),
+            Next::Wait
+        );
+        assert_eq!(stopping.next(false, None, after(400)), Next::Wait);
+        assert_eq!(stopping.next(false, None, after(900)), Next::IsCut);
     }
 }

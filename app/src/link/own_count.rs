@@ -46,6 +46,11 @@ impl OwnCount {
         own
     }
 
+    /// The newest report, as one of the run.
+    pub fn newest(&self) -> Option<Report> {
+        self.last.map(|(_, own, _)| own)
+    }
+
     /// A cycle of the controller as one of the run; what was before it is its first.
     pub fn tick(&self, tick: Tick) -> Tick {
         Tick(u64::try_from(i128::from(tick.0) - self.ahead).unwrap_or(0))

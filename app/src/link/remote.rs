@@ -6,8 +6,10 @@
 use super::address::Address;
 use super::certificates::Client;
 use super::socket::Socket;
+use crate::clock;
 use crate::failure::Failure;
 use cell::link::{LinkError, LinkSender, Load, SenderStatus};
+use ledger::Hash;
 use machine::link::message::Refusal;
 use machine::link::{Loaded, PlanId};
 use machine::watch::Firing;
@@ -32,6 +34,8 @@ const CONNECT: Duration = Duration::from_secs(5);
 const AGAIN: Duration = Duration::from_millis(300);
 /// After so long without it the run is over.
 const GIVEN_UP: Duration = Duration::from_secs(30);
+/// A machine that is kept for a run that died is waited for so long: five seconds, and until it stands.
+const KEPT: Duration = Duration::from_secs(30);
 /// How long the controller may take to say who it is.
 const GREETING: Duration = Duration::from_secs(5);
 /// An alert of TLS 1.0 to 1.3, as its record begins: the answer to whoever speaks without.
@@ -46,6 +50,17 @@ pub struct Machine {
     pub name: String,
     /// What its measurements are worth.
     pub quality: Quality,
+}
+
+/// The name of a run's plan on the link, which no other run has: one that was killed may have had the same name and the same `--start`, and the
+/// controller would take this one for its continuation.
+///
+/// # Errors
+/// The clock is outside the years that there are.
+pub fn plan_of_its_own(name: &str) -> Result<PlanId, Failure> {
+    let now = clock::start_time(None)?;
+    let process = std::process::id();
+    Ok(PlanId(Hash::of(format!("{name} {} {process}", now.0).as_bytes()).0))
 }
 
 /// One cycle of the machine.
@@ -70,6 +85,8 @@ struct Shared {
     /// Times the controller gave this side the machine.
     leases: u64,
     ended: Option<String>,
+    /// Another one that is gone has the machine yet.
+    waits: bool,
     /// The newest report, whoever else gets it.
     last: Option<Report>,
     /// Every report is wanted from here on.
@@ -96,7 +113,7 @@ pub struct Remote {
 
 impl Remote {
     /// Connects, and waits until the controller has said who it is. `name` is what another one will read who wants to drive the machine too.
-    /// Another one is waited for as long as `patience`: one that died has the machine for some seconds yet.
+    /// One that died has the machine for some seconds yet: its end is waited for, and said.
     ///
     /// # Errors
     /// Nobody answers, the controller takes somebody else's set-points, or it is another machine than `parameters` say.
@@ -106,7 +123,6 @@ impl Remote {
         name: &str,
         plan: PlanId,
         parameters: &MachineParameters,
-        patience: Duration,
     ) -> Result<(Remote, Machine), Failure> {
         let to = address.resolve()?;
         let (commands, from_commands) = sync_channel(COMMANDS);
@@ -118,6 +134,8 @@ impl Remote {
         let speaker = Speaker {
             to,
             client,
+            // One sender for the whole run, through every cut. A job that is taken up by another process is a new plan with steps of its own,
+            // so there is nothing that a sender before had done or heard of ([`LinkSender::known_done`], [`LinkSender::known_fired`]).
             sender: LinkSender::new(name, plan, parameters),
             commands: from_commands,
             requests: from_requests,
@@ -126,7 +144,7 @@ impl Remote {
             reports: to_reports,
             shared: Arc::clone(&shared),
             began: Instant::now(),
-            patience,
+            kept_since: None,
             heard_of: None,
             linked: false,
             cut_at: None,
@@ -147,16 +165,16 @@ impl Remote {
             thread: Some(thread),
             address: address.clone(),
         };
-        let until = Instant::now() + CONNECT + GREETING + patience;
+        let until = Instant::now() + CONNECT + GREETING;
         loop {
-            let (machine, ended) = {
+            let (machine, ended, waits) = {
                 let shared = remote.lock();
-                (shared.machine.clone(), shared.ended.clone())
+                (shared.machine.clone(), shared.ended.clone(), shared.waits)
             };
             match (machine, ended) {
                 (_, Some(why)) => return Err(Failure::machine(format_args!("{address}: {why}"))),
                 (Some(machine), None) => return Ok((remote, machine)),
-                (None, None) if Instant::now() > until => {
+                (None, None) if !waits && Instant::now() > until => {
                     let why = "it does not say who it is: is it a toolmark controller, and with the default link?";
                     return Err(Failure::machine(format_args!("{address}: {why}")));
                 }
@@ -291,8 +309,8 @@ struct Speaker {
     reports: SyncSender<Heard>,
     shared: Arc<Mutex<Shared>>,
     began: Instant,
-    /// How long another one that drives the machine is waited for.
-    patience: Duration,
+    /// Since when the machine is kept for another one that is gone.
+    kept_since: Option<Instant>,
     /// When the controller was there last; `None` before it was.
     heard_of: Option<Instant>,
     /// The present connection has the lease.
@@ -317,7 +335,9 @@ impl Speaker {
             match self.connected() {
                 Ok(socket) => match self.on(socket) {
                     Ok(()) => break None,
-                    Err(why) if why.is_busy && self.began.elapsed() < self.patience => self.sender.disconnected(self.now()),
+                    Err(why) if why.is_kept && self.heard_of.is_none() && self.may_wait(&why.text) => {
+                        self.sender.disconnected(self.now())
+                    }
                     Err(why) if why.is_final => break Some(why.text),
                     // Before it ever answered there is nothing to come back to.
                     Err(why) if self.heard_of.is_none() => break Some(why.text),
@@ -328,7 +348,9 @@ impl Speaker {
                         );
                         self.cut_at.get_or_insert_with(Instant::now);
                         self.sender.disconnected(self.now());
-                        self.lock().cuts += 1;
+                        let mut shared = self.lock();
+                        shared.cuts += 1;
+                        shared.status.linked = false;
                     }
                 },
                 Err(text) if self.heard_of.is_none_or(|at| at.elapsed() > GIVEN_UP) => break Some(text),
@@ -341,6 +363,15 @@ impl Speaker {
         };
         let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
         shared.ended = Some(why.unwrap_or_else(|| "the run was over".to_owned()));
+    }
+
+    /// The machine is kept for another one that is gone: it is said once, and waited for.
+    fn may_wait(&mut self, why: &str) -> bool {
+        if self.kept_since.is_none() {
+            eprintln!("notice: {why}; waiting for it");
+            self.lock().waits = true;
+        }
+        self.kept_since.get_or_insert_with(Instant::now).elapsed() < KEPT
     }
 
     fn now(&self) -> Tick {
@@ -397,7 +428,7 @@ impl Speaker {
         let wrong = |text: &str| {
             Err(Cut {
                 is_final: true,
-                is_busy: false,
+                is_kept: false,
                 text: text.to_owned(),
             })
         };
@@ -421,6 +452,10 @@ impl Speaker {
         let linked = self.sender.status().linked;
         if linked {
             self.heard_of = Some(Instant::now());
+            if let Some(since) = self.kept_since.take() {
+                eprintln!("notice: the machine is free after {:.1} s", since.elapsed().as_secs_f64());
+                self.lock().waits = false;
+            }
         }
         if linked && !std::mem::replace(&mut self.linked, linked) {
             self.lock().leases += 1;
@@ -496,8 +531,8 @@ impl Speaker {
 /// Why a connection ended.
 struct Cut {
     is_final: bool,
-    /// Another one drives the machine.
-    is_busy: bool,
+    /// The machine is kept for another one that is gone.
+    is_kept: bool,
     text: String,
 }
 
@@ -505,7 +540,7 @@ impl From<LinkError> for Cut {
     fn from(error: LinkError) -> Self {
         Cut {
             is_final: error.is_final(),
-            is_busy: matches!(error, LinkError::Refused(Refusal::Busy { .. })),
+            is_kept: matches!(error, LinkError::Refused(Refusal::Left { .. })),
             text: error.to_string(),
         }
     }
@@ -515,7 +550,7 @@ impl From<std::io::Error> for Cut {
     fn from(error: std::io::Error) -> Self {
         Cut {
             is_final: false,
-            is_busy: false,
+            is_kept: false,
             text: error.to_string(),
         }
     }

@@ -188,7 +188,7 @@ pub(crate) fn of_stop(cause: StopCause) -> Detail {
         StopCause::SoftLimit { axis } | StopCause::Jump { axis } => Some(axis),
         _ => None,
     };
-    detail(json!({ "cause": cause.text(), "axis": axis.map(axis_word) }))
+    detail(json!({ "cause": cause.to_string(), "axis": axis.map(axis_word) }))
 }
 
 /// Data of a `fault` event.
@@ -197,7 +197,7 @@ pub(crate) fn of_fault(cause: FaultCause) -> Detail {
         FaultCause::FollowingError { axis } | FaultCause::Encoder { axis } | FaultCause::Homing { axis } => Some(axis),
         _ => None,
     };
-    detail(json!({ "cause": cause.text(), "axis": axis.map(axis_word) }))
+    detail(json!({ "cause": cause.to_string(), "axis": axis.map(axis_word) }))
 }
 
 /// The letter of an axis.

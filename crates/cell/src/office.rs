@@ -79,9 +79,9 @@ impl Ended {
         match self {
             Ended::Completed => "the program ran to its end".to_owned(),
             Ended::Alarm(alarm) => alarm.to_string(),
-            Ended::Stopped(cause) => format!("controlled stop: {}", cause.text()),
+            Ended::Stopped(cause) => format!("controlled stop: {cause}"),
             Ended::EmergencyStop => "emergency stop".to_owned(),
-            Ended::Fault(cause) => format!("fault: {}", cause.text()),
+            Ended::Fault(cause) => format!("fault: {cause}"),
             Ended::Waiting => "the machine waits for cycle start and nobody is there".to_owned(),
             Ended::NotHomed => "the machine is not homed and nobody is there: home it, then start again".to_owned(),
         }
@@ -407,6 +407,14 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         self.operator = operator;
     }
 
+    /// A person asked for a stop, and the machine stands without anything of the program that a stop could end: it was started again, or has
+    /// not begun. The run is over.
+    pub fn stopped_at_rest(&mut self, report: &Report, sink: &mut dyn RecordSink) {
+        if self.ended.is_none() {
+            self.end(Ended::Stopped(StopCause::Asked), &report.sample, &report.counters, sink);
+        }
+    }
+
     /// How the run ended; `None` while it goes on.
     pub fn ended(&self) -> Option<&Ended> {
         self.ended.as_ref()
@@ -713,21 +721,26 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
         if let Some(ended) = ended
             && self.waited.min(self.stood) >= SETTLING
         {
-            let data = detail(json!({
-                "ended": ended.word(),
-                "text": ended.text(),
-                "commands": self.commands,
-                "completed": report.counters.completed,
-                "discarded": report.counters.discarded,
-            }));
-            if let Some(recorder) = &mut self.functions {
-                recorder.finish(report.sample.tick);
-            }
-            self.tell_functions(sink);
-            self.emit("job-ended", report.sample.step, report.sample.tick, data, sink);
-            self.ended = Some(ended);
+            self.end(ended, &report.sample, &report.counters, sink);
         }
         request
+    }
+
+    /// The run is over.
+    fn end(&mut self, ended: Ended, last: &Sample, counters: &Counters, sink: &mut dyn RecordSink) {
+        let data = detail(json!({
+            "ended": ended.word(),
+            "text": ended.text(),
+            "commands": self.commands,
+            "completed": counters.completed,
+            "discarded": counters.discarded,
+        }));
+        if let Some(recorder) = &mut self.functions {
+            recorder.finish(last.tick);
+        }
+        self.tell_functions(sink);
+        self.emit("job-ended", last.step, last.tick, data, sink);
+        self.ended = Some(ended);
     }
 }
 

@@ -239,7 +239,7 @@ impl Bench {
             // And a stop asked of a machine at rest that has nothing to do.
             Some(State::Stopped(_) | State::Ready) => row.stopped = 1,
             Some(State::Waiting(Wait::Commands) | State::Held) => row.waits = 1,
-            Some(State::Fault(FaultCause::Drive)) => row.faults = 1,
+            Some(State::Fault(FaultCause::Drive | FaultCause::Away { .. })) => row.faults = 1,
             other => panic!("{what}: no defined end: {other:?}, {:?}", world.notices),
         }
         // Another speed, tool or length that nobody sees moves everything after it.

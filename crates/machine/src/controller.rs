@@ -186,6 +186,8 @@ pub struct Controller {
     /// The command that is being waited for.
     in_work: Option<Work>,
     last_tick: Option<Tick>,
+    /// Lost cycles in a row that its caller makes up for: they never come here as lost.
+    made_up: u32,
     last_position: [f64; 3],
     last_velocity: [f64; 3],
     bridged_in_a_row: [u32; 3],
@@ -244,6 +246,7 @@ impl Controller {
             powerless: false,
             in_work: None,
             last_tick: None,
+            made_up: 0,
             last_position: [0.0; 3],
             last_velocity: [0.0; 3],
             bridged_in_a_row: [0; 3],
@@ -376,6 +379,11 @@ impl Controller {
         core::mem::take(&mut self.notices)
     }
 
+    /// Whoever calls runs up to so many lost cycles in a row after all; beyond it [`MachineParameters::late_ticks_allowed`] holds.
+    pub fn made_up_for(&mut self, cycles: u32) {
+        self.made_up = cycles;
+    }
+
     /// Counts cycles that come too late, one after another, on drives that have waited for them: simulated ones. No time was lost to the
     /// motion, and none is passed over.
     pub fn count_late(&mut self, cycles: u64) {
@@ -397,7 +405,8 @@ impl Controller {
             self.counters.late_ticks += lost;
             self.counters.late_gaps += 1;
             if lost > u64::from(self.parameters.late_ticks_allowed) {
-                self.happen(Event::Stop(StopCause::Late));
+                let (cycles, tolerated) = self.away(lost);
+                self.happen(Event::Stop(StopCause::Late { cycles, tolerated }));
             }
         }
         let acceleration = if self.mode() == DriveMode::Follow && !self.synchronise {

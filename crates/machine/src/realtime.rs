@@ -76,6 +76,11 @@ impl<D: CyclicDrive, P: ControlPad> RealtimeHalf<D, P> {
         }
     }
 
+    /// Lost cycles in a row that are run after all, as [`Controller::made_up_for`].
+    pub fn made_up_for(&mut self, cycles: u32) {
+        self.controller.made_up_for(cycles);
+    }
+
     /// Counts cycles that come too late on drives that have waited for them, as [`Controller::count_late`].
     pub fn count_late(&mut self, cycles: u64) {
         self.controller.count_late(cycles);

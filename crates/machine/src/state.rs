@@ -1,6 +1,7 @@
 //! The states of the controller, and the one table in which they change.
 
 use crate::Phase;
+use core::fmt;
 
 /// What the controller is doing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -102,7 +103,12 @@ pub enum StopCause {
     /// A switching command that needs rest came while the path was still moving.
     SwitchInMotion,
     /// More servo cycles in a row were lost than allowed.
-    Late,
+    Late {
+        /// So many.
+        cycles: u32,
+        /// So many would have been tolerated.
+        tolerated: u32,
+    },
     /// The path ended in motion; the machine braked beside it.
     OffPath,
     /// A thread is so short that its lead is never reached, or that the spindle could not be turned round before its end; or its lead or
@@ -124,7 +130,7 @@ impl StopCause {
             StopCause::SoftLimit { .. } => "a set-point lies outside the travel",
             StopCause::Jump { .. } => "a set-point does not follow from the one before",
             StopCause::SwitchInMotion => "a switching command came before the path was at rest",
-            StopCause::Late => "too many servo cycles were lost in a row",
+            StopCause::Late { .. } => "the controller was away for too many servo cycles at once",
             StopCause::OffPath => "the path ended in motion",
             StopCause::ThreadTooShort => "a thread is too short for its spindle speed: begin farther away, or turn slower",
         }
@@ -148,6 +154,13 @@ pub enum FaultCause {
     Spindle,
     /// A drive reports a fault.
     Drive,
+    /// More servo cycles in a row were lost than allowed, and drives without orders stopped by themselves.
+    Away {
+        /// So many.
+        cycles: u32,
+        /// So many would have been tolerated.
+        tolerated: u32,
+    },
     /// The reference of an axis was not found in time.
     Homing {
         /// 0 is X.
@@ -169,12 +182,41 @@ impl FaultCause {
             FaultCause::Encoder { .. } => "encoder readings are not possible",
             FaultCause::Spindle => "the spindle did not come to speed",
             FaultCause::Drive => "a drive reports a fault",
+            FaultCause::Away { .. } => "the controller was away, and the drives stopped by themselves",
             FaultCause::Homing { .. } => "the reference of an axis was not found in time",
             FaultCause::SpindleIndex => "the index pulse of the spindle's encoder is missing or moves",
             FaultCause::SpindleAngle => "a thread needs the spindle's encoder, and nothing comes from it",
             FaultCause::SpindleLost => "the spindle was lost in a thread: it came nearly to a standstill",
         }
     }
+}
+
+impl fmt::Display for StopCause {
+    /// The text, with what a person needs to know besides.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            StopCause::Late { cycles, tolerated } => away(f, cycles, tolerated, ""),
+            _ => f.write_str(self.text()),
+        }
+    }
+}
+
+impl fmt::Display for FaultCause {
+    /// The text, with what a person needs to know besides.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            FaultCause::Away { cycles, tolerated } => away(f, cycles, tolerated, ", and the drives stopped by themselves"),
+            _ => f.write_str(self.text()),
+        }
+    }
+}
+
+fn away(f: &mut fmt::Formatter<'_>, cycles: u32, tolerated: u32, and: &str) -> fmt::Result {
+    write!(
+        f,
+        "the controller was away for {cycles} servo cycles at once; {tolerated} are tolerated{and} (see what kept its computer busy or \
+         asleep, give the controller realtime rights, look at the part, then take the job up again)"
+    )
 }
 
 /// What can happen to the controller.

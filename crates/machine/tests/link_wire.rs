@@ -246,6 +246,11 @@ fn a_report_comes_out_as_it_went_in() {
         State::WaitingThenHold(Wait::Dwell),
         State::Stopping(StopCause::SoftLimit { axis: 2 }),
         State::Fault(FaultCause::Encoder { axis: 1 }),
+        State::Stopped(StopCause::Late { cycles: 6, tolerated: 5 }),
+        State::Fault(FaultCause::Away {
+            cycles: u32::MAX,
+            tolerated: 500,
+        }),
     ] {
         report.state = state;
         let length = check(&report);

@@ -309,7 +309,12 @@ fn a_few_lost_cycles_are_counted_and_harmless() {
 
 #[test]
 fn six_lost_cycles_are_a_controlled_stop_and_a_long_absence_a_fault() {
-    for (lost, expected) in [(6, State::Stopped(StopCause::Late)), (60, State::Fault(FaultCause::Drive))] {
+    let late = State::Stopped(StopCause::Late { cycles: 6, tolerated: 5 });
+    let away = State::Fault(FaultCause::Away {
+        cycles: 60,
+        tolerated: 5,
+    });
+    for (lost, expected) in [(6, late), (60, away)] {
         let mut bench = Bench::new(ordinary());
         bench.run(500);
         bench.now += lost;
@@ -317,6 +322,26 @@ fn six_lost_cycles_are_a_controlled_stop_and_a_long_absence_a_fault() {
         assert_eq!(bench.state(), expected);
         bench.stands();
     }
+}
+
+#[test]
+fn who_was_away_reads_how_long_and_what_to_do_and_a_fault_of_a_drive_stays_one() {
+    let mut bench = Bench::new(ordinary());
+    bench.half.made_up_for(500);
+    bench.run(500);
+    bench.now += 2013;
+    bench.run(800);
+    let State::Fault(cause) = bench.state() else {
+        panic!("{:?}", bench.state())
+    };
+    let text = cause.to_string();
+    assert!(
+        text.starts_with("the controller was away for 2013 servo cycles at once; 500 are tolerated, and the drives stopped by themselves (see what"),
+        "{text}"
+    );
+    assert!(text.contains("realtime rights"), "{text}");
+    assert_eq!(FaultCause::Drive.to_string(), "a drive reports a fault");
+    assert_eq!(StopCause::Asked.to_string(), StopCause::Asked.text());
 }
 
 #[test]

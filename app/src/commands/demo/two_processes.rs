@@ -9,14 +9,12 @@ use crate::failure::Failure;
 use crate::link::address;
 use crate::link::driven::Driven;
 use crate::link::driving::make_ready;
-use crate::link::remote::Remote;
+use crate::link::remote::{Remote, plan_of_its_own};
 use crate::program::{Program, machine_for};
 use crate::survey::minutes;
 use crate::{files, shop};
 use cell::Ended;
-use ledger::Hash;
 use machine::StopCause;
-use machine::link::PlanId;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -81,7 +79,7 @@ impl Story<'_> {
             ));
         }
         let compared = Compared::of(&here.folder.join("record.parquet"), &there.folder.join("record.parquet"))?;
-        let kept_away = matches!(&there.outcome.ended, Ended::Stopped(cause) if matches!(cause, StopCause::Late | StopCause::Starved))
+        let kept_away = matches!(&there.outcome.ended, Ended::Stopped(cause) if matches!(cause, StopCause::Late { .. } | StopCause::Starved))
             || matches!(&there.outcome.ended, Ended::Fault(_)) && driven.late_ticks > 0;
         let completed = there.outcome.ended == Ended::Completed;
         (self.tell)(&if completed {
@@ -123,10 +121,10 @@ impl Story<'_> {
         let start = self.start + Seconds(3600.0);
         let at = address::read(&controller.address)?;
         let name = format!("{} of {who}", program.name);
-        let plan = PlanId(Hash::of(format!("{name} {}", start.0).as_bytes()).0);
-        let (remote, found) = Remote::connect(&at, None, &name, plan, &shop::parameters(&machine), Duration::ZERO)?;
+        let plan = plan_of_its_own(&name)?;
+        let (remote, found) = Remote::connect(&at, None, &name, plan, &shop::parameters(&machine))?;
         let mut tables = self.directory.tables(&machine).map_err(shop::failure)?;
-        tables.position = Point::from_xyz(make_ready(&remote)?.sample.commanded);
+        tables.position = Point::from_xyz(make_ready(&remote, true)?.sample.commanded);
         let order = Order {
             work: Work::Program(program),
             machine: &machine,

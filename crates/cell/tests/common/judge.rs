@@ -113,7 +113,10 @@ impl<'a> Judge<'a> {
         v.ticks = report.sample.tick.0;
         v.off_path_stops = report.counters.off_path_stops;
         // Drives that were left alone for too long stop by themselves, and not on the path.
-        v.left_alone += u64::from(report.state == State::Fault(machine::FaultCause::Drive));
+        v.left_alone += u64::from(matches!(
+            report.state,
+            State::Fault(machine::FaultCause::Drive | machine::FaultCause::Away { .. })
+        ));
         let begins = |s: State| {
             matches!(
                 s,

@@ -98,7 +98,7 @@ impl Controller {
         let stands = feedback.velocity.iter().all(|v| v.abs() < STANDSTILL);
         self.powerless |= stands && matches!(self.state, State::EmergencyStop | State::EmergencyStopReleased);
         if feedback.drive_fault {
-            self.happen(Event::Fault(FaultCause::Drive));
+            self.happen(Event::Fault(self.why_drives_stopped(lost)));
         }
         let comparable = self.mode() == DriveMode::Follow && lost == 0 && !self.synchronise;
         let mut position = feedback.position;
@@ -120,6 +120,29 @@ impl Controller {
         self.last_position = position;
         self.last_velocity = feedback.velocity;
         position
+    }
+
+    /// Drives that get no orders stop by themselves and report it, in the cycle in which the controller is back or soon after: the reason is
+    /// here and not there.
+    fn why_drives_stopped(&self, lost: u64) -> FaultCause {
+        match self.state {
+            _ if lost > u64::from(self.parameters.late_ticks_allowed) => {
+                let (cycles, tolerated) = self.away(lost);
+                FaultCause::Away { cycles, tolerated }
+            }
+            State::Stopping(StopCause::Late { cycles, tolerated }) | State::Stopped(StopCause::Late { cycles, tolerated }) => {
+                FaultCause::Away { cycles, tolerated }
+            }
+            _ => FaultCause::Drive,
+        }
+    }
+
+    /// So many cycles in a row were lost, and how many would have been tolerated.
+    pub(super) fn away(&self, lost: u64) -> (u32, u32) {
+        (
+            u32::try_from(lost).unwrap_or(u32::MAX),
+            self.parameters.late_ticks_allowed.max(self.made_up),
+        )
     }
 
     /// Two levels: the first is counted, the second is a fault.

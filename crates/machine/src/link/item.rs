@@ -232,7 +232,7 @@ wire_enum!(StopCause {
     2 = SoftLimit { axis },
     3 = Jump { axis },
     4 = SwitchInMotion,
-    5 = Late,
+    5 = Late { cycles, tolerated },
     6 = OffPath,
     7 = ThreadTooShort,
 });
@@ -245,6 +245,7 @@ wire_enum!(FaultCause {
     5 = SpindleIndex,
     6 = SpindleAngle,
     7 = SpindleLost,
+    8 = Away { cycles, tolerated },
 });
 wire_struct!(Counters {
     accepted,

@@ -193,6 +193,11 @@ pub enum Refusal {
         /// Who.
         holder: Name,
     },
+    /// Another one has it still and is gone, silent or dead: it is free in some seconds, when the machine stands.
+    Left {
+        /// Who.
+        holder: Name,
+    },
     /// It planned for another machine.
     Limits {
         /// The machine's name.
@@ -207,12 +212,18 @@ wire_enum!(Refusal {
     1 = Busy { holder },
     2 = Limits { machine, limits },
     3 = Units,
+    4 = Left { holder },
 });
 
 impl core::fmt::Display for Refusal {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Refusal::Busy { holder } => write!(f, "the machine is driven by '{}': wait until it is done", holder.text()),
+            Refusal::Left { holder } => write!(
+                f,
+                "the machine is kept for '{}', which is gone: it is free in some seconds, when it stands",
+                holder.text()
+            ),
             Refusal::Limits { machine, .. } => write!(
                 f,
                 "'{}' has other limits than the plan was made for: use its machine file on both sides",

@@ -140,7 +140,12 @@ impl LinkReceiver {
         // A sender that was started again has the same name and plan, and no session.
         let again = hello.name == lease.name && hello.plan == lease.plan;
         let free = gone && (itself || again || (silent_for > LEASE && self.standing));
-        (!free).then_some(Refusal::Busy { holder: lease.name })
+        let holder = lease.name;
+        (!free).then_some(if gone {
+            Refusal::Left { holder }
+        } else {
+            Refusal::Busy { holder }
+        })
     }
 
     /// A condition or a tool: in parts to the realtime thread, past the set-points, which do not wait for it.
