@@ -16,6 +16,8 @@ pub struct Foresight<'a> {
     path_length: f64,
     now: Tick,
     moves: bool,
+    /// An override was turned: the pace is not that of the plan.
+    turned: bool,
     after_a_tenth: Option<f64>,
 }
 
@@ -24,7 +26,7 @@ pub struct Foresight<'a> {
 pub struct Foreseen {
     /// At the start, s.
     pub foreseen_s: f64,
-    /// When a tenth of it was done, at the pace up to there, s.
+    /// When a tenth of it was done, at the pace up to there where an override was turned, s.
     pub foreseen_after_a_tenth_s: Option<f64>,
     /// What it took, s.
     pub real_s: f64,
@@ -43,6 +45,7 @@ impl<'a> Foresight<'a> {
             path_length: 0.0,
             now: Tick(0),
             moves: false,
+            turned: false,
             after_a_tenth: None,
         }
     }
@@ -53,6 +56,7 @@ impl<'a> Foresight<'a> {
         let step = sample.map_or(StepId::NONE, |sample| sample.step);
         (self.now, self.step) = (now, step.max(self.step));
         self.moves = sample.is_some_and(|sample| sample.phase == Phase::Running && sample.path_speed > 0.0);
+        self.turned |= sample.is_some_and(|sample| sample.overrides.feed != 100 || sample.overrides.rapid != 100);
         self.path_length = path_length.max(self.path_length);
         if let Some(plan) = self.plan
             && self.after_a_tenth.is_none()
@@ -64,8 +68,9 @@ impl<'a> Foresight<'a> {
     }
 
     fn remaining(&self, plan: &RemainingTime) -> Seconds {
-        if !self.moves {
-            // A tool change, a dwell or a hold: it counts as done where it begins, and so says nothing of the pace.
+        if !self.moves || !self.turned {
+            // A tool change, a dwell or a hold counts as done where it begins, and so says nothing of the pace. Without an override what
+            // was lost up to here was lost once, waiting, and what is left takes what was planned.
             return plan.after(self.step, self.path_length);
         }
         plan.at_this_pace(self.step, self.path_length, self.now.seconds())
