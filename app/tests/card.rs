@@ -222,9 +222,5 @@ fn a_controller_on_a_card_is_homed_when_it_is_asked_for_and_machines_a_plate_ove
         playing.join().expect("it plays on");
         return;
     }
-    // Each of them told of late cycles: nothing else is passed over.
-    println!("skipped: real drives do not wait, and this computer was late in six runs of six; run the test on a quieter one");
-    drop(controller);
-    over.store(true, Relaxed);
-    playing.join().expect("it plays on");
+    panic!("six runs were kept from the processor");
 }
