@@ -1,7 +1,7 @@
 //! Conditions cycle by cycle: frequencies, scopes, unknown sensors, alarms and their reactions.
 
 use machine::watch::{
-    AlarmOrder, FIRINGS, Frequency, LoadError, Mode, NO_SENSOR, Operation, RESERVED, Reaction, Readings, Relation, ResetBy,
+    AlarmOrder, FIRINGS, FiringKind, Frequency, LoadError, Mode, NO_SENSOR, Operation, RESERVED, Reaction, Readings, Relation, ResetBy,
     Situation, Watch, WatchOrder, signal,
 };
 use machine::{MachineParameters, Phase, Sample, Watches};
@@ -42,7 +42,7 @@ impl Bench {
         let mut fired = vec![];
         while let Some(firing) = self.watches.firing() {
             assert_eq!(firing.tick, Tick(self.now));
-            if firing.known {
+            if firing.kind == FiringKind::Fired {
                 fired.push(firing.watch);
             }
         }
@@ -192,7 +192,7 @@ fn an_outage_of_a_sensor_is_told_once() {
         bench.readings.take(&sample, &bench.machine, Situation::default());
         bench.watches.cycle(sample.tick, &bench.readings, Mode::Automatic);
         while let Some(firing) = bench.watches.firing() {
-            assert!(!firing.known);
+            assert_eq!(firing.kind, FiringKind::Unknown);
             unknown.push((cycle, firing.watch));
         }
     }
