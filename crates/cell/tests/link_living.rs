@@ -73,8 +73,10 @@ impl Controller {
             self.receiver.reported(report, status);
         }
         // A few in each cycle, as the realtime thread has places for them.
-        for _ in 0..16 {
-            let Some(told) = self.follower.lives(&mut self.half) else { break };
+        for _ in 0..64 {
+            let Some(told) = self.follower.lives(&mut self.half) else {
+                break;
+            };
             self.receiver.lives(self.now, told);
         }
         self.now += 1;
@@ -93,7 +95,9 @@ impl Controller {
         for _ in 0..2_000 {
             let (mut there, mut back) = (Vec::new(), Vec::new());
             asker.output(self.now, &mut there);
-            there.chunks(3).for_each(|piece| self.receiver.receive(connection, self.now, piece));
+            there
+                .chunks(3)
+                .for_each(|piece| self.receiver.receive(connection, self.now, piece));
             self.cycle();
             let open = self.receiver.output(connection, self.now, &mut back);
             let mut whole = None;
@@ -239,7 +243,12 @@ fn what_lives_is_listed_while_another_one_drives_and_after_its_run_and_is_ended_
     assert!(later.lived[1].living.fired >= often.living.fired + 50, "{later:?}");
 
     // The next program has its own, and its numbers go on.
-    let mut run = Run::of(2, &mut controller, vec![load(Frequency::Whenever, true, "second", vec![])], starting(&[0], 600));
+    let mut run = Run::of(
+        2,
+        &mut controller,
+        vec![load(Frequency::Whenever, true, "second", vec![])],
+        starting(&[0], 600),
+    );
     run.cycles(&mut controller, 200);
     let marks: Vec<u32> = controller.list().iter().map(|lived| lived.0).collect();
     assert_eq!(marks, [2, 4, 5]);
@@ -254,7 +263,10 @@ fn what_lives_is_listed_while_another_one_drives_and_after_its_run_and_is_ended_
     }
     run.cycles(&mut controller, 600);
     let firings = run.end(&mut controller);
-    assert!(firings.iter().all(|firing| firing.kind == FiringKind::Fired), "it was of another run");
+    assert!(
+        firings.iter().all(|firing| firing.kind == FiringKind::Fired),
+        "it was of another run"
+    );
     let left: Vec<u32> = controller.list().iter().map(|lived| lived.0).collect();
     assert_eq!(left, [2, 5]);
     controller.half.request(Request::PowerOff);
@@ -319,14 +331,17 @@ fn an_emergency_stop_does_not_end_it_and_it_goes_on_firing() {
 fn as_many_as_a_machine_takes_are_listed_a_few_in_each_cycle() {
     let mut controller = Controller::new();
     let loads = (0..4096).map(|n| load(Frequency::WhenOnce, n % 2 == 0, &format!("action {n}"), vec![]));
-    let mut run = Run::of(1, &mut controller, loads.collect(), starting(&Vec::from_iter(0..4096), 10));
+    let mut run = Run::of(1, &mut controller, loads.collect(), starting(&Vec::from_iter(0..4096), 2_000));
     while controller.half.watches().running() < 4096 && controller.now < Tick(20_000) {
         run.cycle(&mut controller);
     }
     let listed = controller.list();
     assert_eq!(listed.len(), 4096);
     for (n, (mark, all_modes, _, line)) in listed.iter().enumerate() {
-        assert_eq!((*mark as usize, *all_modes, line), (n + 1, n % 2 == 0, &format!("action {n}")));
+        assert_eq!(
+            (*mark as usize, *all_modes, line),
+            (n + 1, n % 2 == 0, &format!("action {n}"))
+        );
     }
     // Every second place is empty then, and a list passes over them.
     run.cycles(&mut controller, 3_000);
@@ -342,7 +357,12 @@ fn several_who_ask_at_once_are_all_answered_and_a_new_plan_in_between_spoils_no_
     let mut run = Run::of(1, &mut controller, loads.collect(), starting(&Vec::from_iter(0..200), 10));
     run.cycles(&mut controller, 500);
     run.end(&mut controller);
-    let questions = [Asked::Living, Asked::End { mark: 200 }, Asked::Living, Asked::End { mark: 200 }];
+    let questions = [
+        Asked::Living,
+        Asked::End { mark: 200 },
+        Asked::Living,
+        Asked::End { mark: 200 },
+    ];
     let mut askers: Vec<_> = questions
         .iter()
         .cycle()

@@ -1,8 +1,8 @@
 //! Conditions cycle by cycle: frequencies, scopes, unknown sensors, alarms and their reactions.
 
 use machine::watch::{
-    AlarmOrder, FIRINGS, FiringKind, Frequency, LoadError, Mode, NO_SENSOR, Operation, RESERVED, Reaction, Readings, Relation, ResetBy,
-    Situation, Watch, WatchOrder, signal,
+    AlarmOrder, FIRINGS, FiringKind, Frequency, LoadError, Mode, NO_SENSOR, Operation, RESERVED, Reaction, Readings, Relation,
+    ResetBy, Situation, Watch, WatchOrder, signal,
 };
 use machine::{MachineParameters, Phase, Sample, Watches};
 use units::{Tick, WorkingstepId};
@@ -370,4 +370,76 @@ fn without_room_for_all_firings_those_that_are_only_recorded_go_first_and_are_co
     assert_eq!(watches.counters().lost_firings, before);
     watches.cycle(Tick(0), &readings, Mode::Automatic);
     assert_eq!(watches.counters().lost_firings, before + 1);
+}
+
+#[test]
+fn what_lives_keeps_its_mark_its_count_and_its_beginning_when_places_change_with_a_program() {
+    let mut bench = Bench::new();
+    let all_modes = |condition| Watch {
+        all_modes: true,
+        ..watch(Frequency::Whenever, condition)
+    };
+    let conditions = [over(10.0), over(20.0), over(30.0), over(40.0)];
+    for (n, condition) in conditions.iter().enumerate() {
+        let number = bench.watches.load(&all_modes(condition)).expect("room");
+        bench.watches.mark(number, 100 + n as u32);
+    }
+    bench.cycle(0.0, Mode::Automatic);
+    // Not the first, and not in the order of their places.
+    for number in [3, 1, 2] {
+        bench.watches.obey(WatchOrder::Start(number));
+        bench.cycle(25.0, Mode::Jog);
+    }
+    let living = |watches: &Few| {
+        let mut at = 0;
+        let mut found = Vec::new();
+        while at < watches.places() {
+            let (living, next) = watches.living(at, 2);
+            found.extend(living.map(|l| (l.mark, l.since.0, l.fired)));
+            at = next;
+        }
+        found
+    };
+    // 20 % is passed by the second from its start on.
+    assert_eq!(living(&bench.watches), [(101, 2, 2), (102, 3, 0), (103, 1, 0)]);
+    bench.watches.new_program();
+    bench.cycle(35.0, Mode::Automatic);
+    assert_eq!(living(&bench.watches), [(101, 2, 3), (102, 3, 1), (103, 1, 0)]);
+    // A mark of the new program is not one of those before; nobody has the mark 0.
+    let number = bench.watches.load(&all_modes(&conditions[0])).expect("room");
+    bench.watches.obey(WatchOrder::Start(number));
+    assert_eq!(living(&bench.watches)[3], (0, 5, 0));
+    assert_eq!(bench.watches.end(0), None);
+    bench.watches.mark(number, 104);
+    bench.watches.mark(number + 1, 105);
+    assert_eq!(bench.watches.end(102).map(|l| (l.mark, l.fired)), Some((102, 1)));
+    assert_eq!(bench.watches.end(102), None);
+    assert_eq!(bench.cycle(50.0, Mode::Automatic).1, [0], "only that of the program is told");
+    assert_eq!(living(&bench.watches), [(101, 2, 4), (103, 1, 1), (104, 5, 1)]);
+    // The next program has its places, and what was ended has none.
+    bench.watches.end(101);
+    bench.watches.new_program();
+    assert_eq!((bench.watches.running(), bench.watches.places()), (2, 2));
+    assert_eq!(living(&bench.watches), [(103, 1, 1), (104, 5, 1)]);
+    bench.watches.power_off();
+    assert_eq!(living(&bench.watches), []);
+}
+
+#[test]
+fn the_end_by_hand_is_told_even_where_firings_find_no_place() {
+    let mut bench = Bench::new();
+    let always = Watch {
+        all_modes: true,
+        ..watch(Frequency::NoKeyword, &[])
+    };
+    let number = bench.watches.load(&always).expect("room");
+    bench.watches.mark(number, 1);
+    bench.watches.obey(WatchOrder::Start(number));
+    for tick in 0..FIRINGS as u64 {
+        bench.watches.cycle(Tick(tick), &bench.readings, Mode::Automatic);
+    }
+    assert_eq!(bench.watches.counters().lost_firings, RESERVED as u64);
+    assert!(bench.watches.end(1).is_some());
+    let last = std::iter::from_fn(|| bench.watches.firing()).last().expect("firings");
+    assert_eq!((last.kind, last.tick), (FiringKind::Ended, Tick(FIRINGS as u64 - 1)));
 }

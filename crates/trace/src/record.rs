@@ -281,7 +281,7 @@ impl Recorder {
         if firing.kind == FiringKind::Ended {
             action.runs = false;
             self.ahead.remove(&action.does.id);
-            self.tell_action_end(&action, tick, "ended by hand, from the list of what lives in the machine");
+            self.tell_action_end(&action, tick, "by hand, from the list of what lives in the machine");
             self.actions.insert(firing.watch, action);
             return;
         }
@@ -401,7 +401,7 @@ impl Recorder {
                 });
                 self.tell(tick, self.sample.step, object(data));
             } else if action.runs {
-                self.tell_action_end(&action, tick, "ended with the machine, which was simulated for this run");
+                self.tell_action_end(&action, tick, "the machine was simulated for this run and ended with it");
             }
         }
     }

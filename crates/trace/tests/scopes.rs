@@ -118,14 +118,16 @@ fn automatic_ends_with_the_program_and_all_modes_with_a_simulated_machine() {
     recorder.finish(Tick(120));
     assert_eq!(
         words(&recorder.take_told()),
-        ["120 stop_synchronized_action ended ended with the machine, which was simulated for this run"]
+        ["120 stop_synchronized_action ended the machine was simulated for this run and ended with it"]
     );
 }
 
 #[test]
 fn all_modes_goes_on_in_a_machine_that_goes_on_and_one_that_was_ended_by_hand_does_not() {
     let action = |id: u32| {
-        format!("start_synchronized_action its_id={id} its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time")
+        format!(
+            "start_synchronized_action its_id={id} its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time"
+        )
     };
     let (a, b) = (action(1), action(2));
     let (recorder, _) = run(&[Say::Function(&a), Say::Function(&b)], Known::default());
@@ -143,7 +145,7 @@ fn all_modes_goes_on_in_a_machine_that_goes_on_and_one_that_was_ended_by_hand_do
     assert_eq!(
         words(&told),
         [
-            "100 stop_synchronized_action ended ended by hand, from the list of what lives in the machine",
+            "100 stop_synchronized_action ended by hand, from the list of what lives in the machine",
             "120 start_synchronized_action goes on it is in all modes, and the machine goes on",
         ]
     );

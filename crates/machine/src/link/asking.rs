@@ -52,7 +52,12 @@ pub struct AnswerHead {
     /// No frame follows.
     pub last: bool,
 }
-wire_struct!(AnswerHead { machine, now, count, last });
+wire_struct!(AnswerHead {
+    machine,
+    now,
+    count,
+    last
+});
 
 /// Something that lives in the machine. Behind it stands the line that started it, its length in bytes before it.
 #[derive(Clone, Copy, Debug, PartialEq)]

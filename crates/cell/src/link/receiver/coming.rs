@@ -51,7 +51,9 @@ impl LinkReceiver {
             }
             Kind::Hello => Err(LinkError::Rules("a second hello on one connection")),
             Kind::Inquiry => Err(LinkError::Rules("who drives does not ask on the same connection")),
-            Kind::Welcome | Kind::Refusal | Kind::Reports | Kind::Answer => Err(LinkError::Rules("only a controller sends such a frame")),
+            Kind::Welcome | Kind::Refusal | Kind::Reports | Kind::Answer => {
+                Err(LinkError::Rules("only a controller sends such a frame"))
+            }
         }
     }
 
