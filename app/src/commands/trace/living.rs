@@ -260,10 +260,11 @@ impl Living {
     fn of(lived: &Lived, cycle: u64, now: Timestamp) -> Living {
         let cycles = cycle.saturating_sub(lived.living.since.0);
         // Cycles of 1 ms; none is so long ago that its nanoseconds find no place.
-        let since = Timestamp(
-            now.0
-                .saturating_sub(i64::try_from(cycles).unwrap_or(i64::MAX).saturating_mul(1_000_000)),
-        );
+        let since = now
+            .0
+            .saturating_sub(i64::try_from(cycles).unwrap_or(i64::MAX).saturating_mul(1_000_000));
+        // The answer was under way for some milliseconds: what is finer than one says nothing.
+        let since = Timestamp(since - since.rem_euclid(1_000_000));
         let mut living = Living {
             number: lived.living.mark,
             id: None,
@@ -284,7 +285,7 @@ impl Living {
             living.id = Some(action.id.0.clone());
             living.frequency = Some(action.frequency.word());
             living.condition = action.condition.as_ref().map(trace::condition::print);
-            living.actions = action.actions.iter().map(ToString::to_string).collect();
+            living.actions = action.actions.iter().map(trace::Function::without_prefix).collect();
         }
         living
     }
