@@ -17,7 +17,7 @@ use crate::sensor::{Meaning, Sensor, meaning};
 use crate::survey::{ALONG, Found, is_of_the_machine, lines, wanted};
 use crate::{Function, parse};
 use context::Context;
-use machine::watch::{AlarmOrder, Firing, Readings, SIGNALS, Situation, WatchOrder};
+use machine::watch::{AlarmOrder, Firing, FiringKind, Readings, SIGNALS, Situation, WatchOrder};
 use machine::{MachineParameters, Quality, Sample, State, StopCause};
 use plan::{RawNcFunction, Step, StepKind, Value as PlanValue};
 use recording::{Ended, Recordings, Seen};
@@ -88,6 +88,8 @@ pub struct Recorder {
     next_run: u32,
     /// The machine has left the program, by a reset or a restart: actions and recordings wait until it is taken up again.
     waits: bool,
+    /// What is in all modes outlives the run.
+    machine_goes_on: bool,
     told: Vec<Told>,
     state: State,
     /// The first cycle was heard of.
@@ -151,6 +153,7 @@ impl Recorder {
             level: None,
             next_run: 1,
             waits: false,
+            machine_goes_on: false,
             told: Vec::new(),
             state: State::Off,
             opened: false,
@@ -275,7 +278,14 @@ impl Recorder {
         let Some(mut action) = self.actions.get(&firing.watch).cloned() else {
             return;
         };
-        if !firing.known {
+        if firing.kind == FiringKind::Ended {
+            action.runs = false;
+            self.ahead.remove(&action.does.id);
+            self.tell_action_end(&action, tick, "by hand, from the list of what lives in the machine");
+            self.actions.insert(firing.watch, action);
+            return;
+        }
+        if firing.kind == FiringKind::Unknown {
             let data = json!({ "id": action.does.id.0, "why": "a sensor of the condition is unavailable" });
             self.error("T-05", tick, self.sample.step, data);
             return;
@@ -382,12 +392,24 @@ impl Recorder {
         self.end_alarms(tick, why, |_| true);
     }
 
-    /// The run is over, however: what is still open is told as ended.
+    /// The machine is there when the run is over, and what is in all modes goes on in it. Without this it ends with the run.
+    pub fn on_a_machine_that_goes_on(mut self) -> Self {
+        self.machine_goes_on = true;
+        self
+    }
+
+    /// The run is over, however: what is still open is told as ended, or as going on without it.
     pub fn finish(&mut self, tick: Tick) {
         self.program_ends(tick, "end of the run");
         for (_, action) in std::mem::take(&mut self.actions) {
-            if action.runs {
-                self.tell_action_end(&action, tick, "end of the run");
+            if action.runs && self.machine_goes_on {
+                let data = json!({
+                    "function": "start_synchronized_action", "id": action.does.id.0, "state": "goes on", "run": action.run,
+                    "why": "it is in all modes, and the machine goes on", "fired": action.fired,
+                });
+                self.tell(tick, self.sample.step, object(data));
+            } else if action.runs {
+                self.tell_action_end(&action, tick, "the machine was simulated for this run and ended with it");
             }
         }
     }

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Say, look, steps};
-use machine::watch::{Firing, Situation};
+use machine::watch::{Firing, FiringKind, Situation};
 use machine::{MachineParameters, Sample, State};
 use plan::Level;
 use serde_json::{Value, json};
@@ -96,7 +96,7 @@ fn a_recording_along_a_path_ends_with_it_and_a_stop_of_another_run_is_t_01() {
 }
 
 #[test]
-fn automatic_ends_with_the_program_and_all_modes_with_the_run() {
+fn automatic_ends_with_the_program_and_all_modes_with_a_simulated_machine() {
     let action = |id: u32, scope: &str| {
         format!(
             "start_synchronized_action its_id={id} its_mode_scope={scope} its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time"
@@ -112,14 +112,44 @@ fn automatic_ends_with_the_program_and_all_modes_with_the_run() {
     recorder.fired(&Firing {
         tick: Tick(110),
         watch: 1,
-        known: true,
+        kind: FiringKind::Fired,
     });
     assert_eq!(words(&recorder.take_told()), ["110 start_synchronized_action fired -"]);
     recorder.finish(Tick(120));
     assert_eq!(
         words(&recorder.take_told()),
-        ["120 stop_synchronized_action ended end of the run"]
+        ["120 stop_synchronized_action ended the machine was simulated for this run and ended with it"]
     );
+}
+
+#[test]
+fn all_modes_goes_on_in_a_machine_that_goes_on_and_one_that_was_ended_by_hand_does_not() {
+    let action = |id: u32| {
+        format!(
+            "start_synchronized_action its_id={id} its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time"
+        )
+    };
+    let (a, b) = (action(1), action(2));
+    let (recorder, _) = run(&[Say::Function(&a), Say::Function(&b)], Known::default());
+    let mut recorder = recorder.on_a_machine_that_goes_on();
+    recorder.take_told();
+    recorder.fired(&Firing {
+        tick: Tick(100),
+        watch: 0,
+        kind: FiringKind::Ended,
+    });
+    // The program's own stop comes too late for it.
+    recorder.state(State::Ready, Tick(110), true);
+    recorder.finish(Tick(120));
+    let told = recorder.take_told();
+    assert_eq!(
+        words(&told),
+        [
+            "100 stop_synchronized_action ended by hand, from the list of what lives in the machine",
+            "120 start_synchronized_action goes on it is in all modes, and the machine goes on",
+        ]
+    );
+    assert_eq!((&told[0].data["id"], &told[1].data["id"]), (&json!("1"), &json!("2")));
 }
 
 #[test]
@@ -129,7 +159,7 @@ fn an_outage_is_one_t_05_and_lost_firings_and_cycles_are_t_09_and_t_10() {
     recorder.fired(&Firing {
         tick: Tick(30),
         watch: 0,
-        known: false,
+        kind: FiringKind::Unknown,
     });
     recorder.lost_firings(7, Tick(31));
     recorder.lost(3, Tick(32));
@@ -156,7 +186,7 @@ fn check_firings(does: &str, cycles: impl Iterator<Item = u64>, expected: &[&str
         recorder.fired(&Firing {
             tick: Tick(cycle),
             watch: 0,
-            known: true,
+            kind: FiringKind::Fired,
         });
     }
     recorder.finish(Tick(100_000));
