@@ -145,7 +145,7 @@ fn every_function_is_loaded_run_recorded_exported_posted_and_in_the_manual() {
         // The values of the recording are a table of their own, and go with an export.
         let mut loads = 0;
         store::functions::read(&place.path("out").join(store::functions::FILE), &mut |row| {
-            loads += u32::from(row.recording == "1" && row.stream == "X.LOAD");
+            loads += u32::from(row.recording == "R1" && row.stream == "X.LOAD");
         })
         .expect("readable");
         assert!(loads > 1000, "{loads}");

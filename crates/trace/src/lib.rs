@@ -15,6 +15,7 @@ pub mod condition;
 mod fault;
 mod function;
 pub mod functions;
+mod ids;
 pub mod record;
 pub mod sensor;
 pub mod survey;

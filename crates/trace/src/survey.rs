@@ -5,6 +5,7 @@
 
 use crate::compile::{Compiled, compile, signal_of};
 use crate::functions::{Call, TraceId};
+use crate::ids::{Clash, Ids, Kind, started};
 use crate::sensor::{Meaning, Sensor, meaning, streams};
 use crate::{Function, Sampling, is_line, parse};
 use plan::{Diagnostic, Diagnostics, Expression, Level, Place, RawNcFunction, Severity, Step, StepKind};
@@ -22,11 +23,10 @@ pub struct Survey {
     order: Vec<String>,
     /// Streams that were asked for and this machine has not.
     missing: BTreeSet<String>,
-    /// What is active: kind and id, and the depth of workplans in which it began.
-    active: BTreeMap<(Kind, TraceId), usize>,
+    /// What is active here.
+    ids: Ids,
     /// What was ever started.
     started: BTreeSet<(Kind, TraceId)>,
-    depth: usize,
     /// Inside an operation that the program itself has.
     inside_operation: bool,
     diagnostics: Diagnostics,
@@ -34,28 +34,6 @@ pub struct Survey {
     operations: usize,
     /// Geometry that recordings name, and what is to be said when the file has it not.
     points: Vec<(String, Diagnostic)>,
-}
-
-/// Functions that are started and stopped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Kind {
-    Recording,
-    Tools,
-    Events,
-    Operators,
-    Synchronized,
-}
-
-impl Kind {
-    fn word(self) -> &'static str {
-        match self {
-            Kind::Recording => "sensor recording",
-            Kind::Tools => "tool logging",
-            Kind::Events => "event logging",
-            Kind::Operators => "operator logging",
-            Kind::Synchronized => "synchronized action",
-        }
-    }
 }
 
 /// What the functions of a program come to.
@@ -97,14 +75,17 @@ impl Survey {
     pub fn step(&mut self, step: &Step) {
         match &step.kind {
             StepKind::Begin(marker) => match marker.level {
-                Level::Workplan => self.depth += 1,
+                Level::Workplan => self.ids.workplan_begins(),
                 Level::Operation => self.inside_operation = !marker.derived,
                 _ => {}
             },
             StepKind::End(Level::Workplan) => {
-                self.depth = self.depth.saturating_sub(1);
-                self.end_scope(self.depth + 1, step);
+                for (kind, id) in self.ids.workplan_ends() {
+                    let text = format!("{} {id} has no stop: its workplan's end ends it", kind.word());
+                    self.say(Severity::Remark, "T-04", text, "", step);
+                }
             }
+            StepKind::End(Level::Toolpath) => drop(self.ids.path_ends()),
             StepKind::End(Level::Operation) => self.inside_operation = false,
             StepKind::NcFunction(function) => self.function(function, step),
             _ => {}
@@ -113,13 +94,12 @@ impl Survey {
 
     /// What is begun and not over here: recordings, logging, synchronized actions. Each by its kind and id, in order.
     pub fn begun(&self) -> impl Iterator<Item = (&'static str, &TraceId)> {
-        self.active.keys().map(|(kind, id)| (kind.word(), id))
+        self.ids.begun().map(|(kind, id)| (kind.word(), id))
     }
 
     /// The program is over.
     pub fn finish(mut self) -> Found {
-        let open: Vec<_> = self.active.keys().cloned().collect();
-        for (kind, id) in open {
+        for (kind, id) in self.ids.begun() {
             let found = Diagnostic::remark("T-04", format!("{} {id} has no stop: the program's end ends it", kind.word()));
             self.diagnostics.add(found.in_file(self.file.clone()));
         }
@@ -174,6 +154,7 @@ impl Survey {
         self.sensors(function, step);
         self.points(function, step);
         self.evenly(function, step);
+        self.id(function, step, along_a_path);
         match &function.call {
             Call::Unknown => {
                 let meant = crate::meant(&function.name).map_or_else(String::new, |name| format!("did you mean {name}?"));
@@ -183,19 +164,7 @@ impl Survey {
                 );
                 self.say(Severity::Warning, "trace-unknown", text, &meant, step);
             }
-            Call::StartSensorRecording(recording) if !along_a_path => self.start(Kind::Recording, &recording.id, step),
-            Call::StopSensorRecording { id } => self.stop(Kind::Recording, id, step),
-            Call::StartToolLogging { id } => self.start(Kind::Tools, id, step),
-            Call::StopToolLogging { id } => self.stop(Kind::Tools, id, step),
-            Call::LogNcEvents { id, on: true, .. } => self.start(Kind::Events, id, step),
-            Call::LogNcEvents { id, on: false, .. } => self.stop(Kind::Events, id, step),
-            Call::LogOperatorData { id, on: true } => self.start(Kind::Operators, id, step),
-            Call::LogOperatorData { id, on: false } => self.stop(Kind::Operators, id, step),
-            Call::StopSynchronizedAction { id } => self.stop(Kind::Synchronized, id, step),
             Call::StartSynchronizedAction(action) => {
-                if !along_a_path {
-                    self.start(Kind::Synchronized, &action.id, step);
-                }
                 self.all_modes |= action.all_modes;
                 match compile(action) {
                     Err(refused) => self.say(Severity::Error, refused.code, refused.message, &refused.remedy, step),
@@ -313,54 +282,20 @@ impl Survey {
         }
     }
 
-    fn start(&mut self, kind: Kind, id: &TraceId, step: &Step) {
-        let key = (kind, id.clone());
-        if self.active.contains_key(&key) {
-            self.say(
-                Severity::Error,
-                "T-02",
-                format!("{} {id} is started while it is active", kind.word()),
-                "stop it first, or give another id",
-                step,
-            );
-            return;
+    /// Its id is free when it starts something, and its own when it stops it.
+    fn id(&mut self, function: &Function, step: &Step, along_a_path: bool) {
+        let clash = self.ids.follow(&function.call, along_a_path).err();
+        if let Some((kind, id)) = started(&function.call).filter(|_| clash.is_none()) {
+            self.started.insert((kind, id.clone()));
         }
-        self.started.insert(key.clone());
-        self.active.insert(key, self.depth);
-    }
-
-    fn stop(&mut self, kind: Kind, id: &TraceId, step: &Step) {
-        let key = (kind, id.clone());
-        if self.active.remove(&key).is_some() {
-            return;
-        }
-        let (severity, why) = if self.started.contains(&key) {
-            (Severity::Warning, "is not active any more here")
-        } else {
-            (Severity::Error, "was never started on this path")
+        let Some(clash) = clash else { return };
+        let (severity, why) = match &clash {
+            Clash::Stopped(id, kind, _) if self.started.contains(&(*kind, id.clone())) => {
+                (Severity::Warning, "is not active any more here")
+            }
+            _ => (Severity::Error, "was never started on this path"),
         };
-        self.say(
-            severity,
-            "T-01",
-            format!("{} {id} is stopped and {why}", kind.word()),
-            "start it before, or take the stop out",
-            step,
-        );
-    }
-
-    /// A workplan is over: recordings that began in it are.
-    fn end_scope(&mut self, depth: usize, step: &Step) {
-        let over: Vec<_> = self
-            .active
-            .iter()
-            .filter(|((kind, _), began)| *kind == Kind::Recording && **began >= depth)
-            .map(|(key, _)| key.clone())
-            .collect();
-        for key in over {
-            self.active.remove(&key);
-            let text = format!("{} {} has no stop: its workplan's end ends it", key.0.word(), key.1);
-            self.say(Severity::Remark, "T-04", text, "", step);
-        }
+        self.say(severity, clash.code(), clash.text(why), &clash.remedy(), step);
     }
 
     fn say(&mut self, severity: Severity, code: &'static str, message: String, remedy: &str, step: &Step) {

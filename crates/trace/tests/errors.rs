@@ -80,6 +80,77 @@ fn t_02_is_a_second_start_whatever_the_case_of_its_name() {
     );
 }
 
+/// What is said of the ids, and what to do about it.
+#[track_caller]
+fn said(lines: &[&str], expected: &[&str]) {
+    let said: Vec<Say<'_>> = lines.iter().map(|line| Say::Function(line)).collect();
+    let found = look(&said).diagnostics.into_iter().filter(|d| d.code != "T-04");
+    let shown: Vec<String> = found.map(|d| format!("{} {}: {}", d.code, d.message, d.remedy)).collect();
+    assert_eq!(shown, expected);
+}
+
+#[test]
+fn an_id_is_unique_among_all_kinds_of_functions_that_are_active() {
+    let action = "start_synchronized_action its_id=R1 its_mode_scope=ALL its_actions=get_time";
+    let recording = "start_sensor_recording its_function_id=r1 its_sensors=X.LOAD";
+    said(
+        &[recording, action],
+        &["T-02 synchronized action R1 is started while R1 is active as a sensor recording: stop it first, or give another id"],
+    );
+    said(
+        &[action, "log_nc_events its_function_id=R1 its_state=ON"],
+        &["T-02 event logging R1 is started while R1 is active as a synchronized action: stop it first, or give another id"],
+    );
+    said(
+        &[
+            "log_operator_data its_function_id=R1 its_state=ON",
+            "start_tool_logging its_function_id=R1",
+        ],
+        &["T-02 tool logging R1 is started while R1 is active as operator logging: stop it first, or give another id"],
+    );
+    // One behind the other is allowed, also of two kinds.
+    said(&[recording, "stop_sensor_recording its_function_id=R1", action], &[]);
+}
+
+#[test]
+fn a_stop_of_an_id_that_is_active_as_another_kind_is_t_01_that_says_so() {
+    let recording = "start_sensor_recording its_function_id=R1 its_sensors=X.LOAD";
+    said(
+        &[recording, "stop_synchronized_action its_id=r1"],
+        &[
+            "T-01 synchronized action r1 is stopped, and r1 is active as a sensor recording: write stop_sensor_recording, or give the id of a synchronized action",
+        ],
+    );
+    said(
+        &[
+            "log_nc_events its_function_id=E its_state=ON",
+            "stop_tool_logging its_function_id=E",
+        ],
+        &[
+            "T-01 tool logging E is stopped, and E is active as event logging: write log_nc_events ... its_state=OFF, or give the id of tool logging",
+        ],
+    );
+}
+
+#[test]
+fn an_id_along_a_path_is_taken_until_the_path_ends() {
+    let along = "start_sensor_recording its_function_id=1 its_sensors=X.LOAD";
+    let action = "start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_actions=get_time";
+    check(
+        &[
+            Say::Begin(Level::Toolpath, "first"),
+            Say::Along(along),
+            Say::Along(action),
+            Say::End(Level::Toolpath),
+            Say::Begin(Level::Toolpath, "second"),
+            Say::Along(action),
+            Say::End(Level::Toolpath),
+            Say::Function("start_tool_logging its_function_id=1"),
+        ],
+        &["error t-02 3", "remark t-04 0"],
+    );
+}
+
 #[test]
 fn t_04_says_what_ends_a_start_that_has_no_stop() {
     check(&[Say::Function(START)], &["remark t-04 0"]);

@@ -112,8 +112,8 @@ unavailable there, because the same seed has to give the same bytes.\n",
     );
     page.push_str(
         "\n## Errors\n\n| code | case | at load | at run time |\n|---|---|---|---|\n\
-| T-01 | stop without an active start | error; a warning where it was started before | event, goes on |\n\
-| T-02 | id started while active | error | start ignored, event |\n\
+| T-01 | stop without an active start of its kind | error; a warning where it was started before | event, goes on |\n\
+| T-02 | id started while active, as whatever kind of function | error | start ignored, event |\n\
 | T-03 | clear of an alarm that is not active | | event |\n\
 | T-04 | start without stop in its scope | remark | ended by its scope, reason recorded |\n\
 | T-05 | sensor that this machine has not | warning; error with `required=ON` | quality unavailable, one event an outage |\n\
