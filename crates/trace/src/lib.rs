@@ -16,6 +16,7 @@ mod fault;
 mod function;
 pub mod functions;
 mod ids;
+mod lines;
 pub mod record;
 pub mod sensor;
 pub mod survey;
