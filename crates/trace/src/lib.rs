@@ -20,9 +20,11 @@ mod lines;
 pub mod record;
 pub mod sensor;
 pub mod survey;
+mod typed;
 pub mod unit;
 mod value;
 
 pub use function::{Argument, Function, PREFIX, is_line, meant, parse};
 pub use functions::{Call, Definition, FUNCTIONS};
+pub use lines::functions as functions_of;
 pub use value::{Kind, Sampling, Value};

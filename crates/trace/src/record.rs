@@ -15,8 +15,8 @@ use crate::compile::{Compiled, compile, signal_of, signal_of_predefined, unit_of
 use crate::functions::{Alarm, Call, Coolant, Frequency, Reaction, ResetBy, SynchronizedAction, TraceId};
 use crate::ids::Ids;
 use crate::sensor::{Meaning, Sensor, meaning};
-use crate::survey::{ALONG, Found, is_of_the_machine, lines, wanted};
-use crate::{Function, parse};
+use crate::survey::{ALONG, Found, is_of_the_machine, wanted};
+use crate::{Function, functions_of, parse};
 use context::Context;
 use machine::watch::{AlarmOrder, Firing, Readings, SIGNALS, Situation, WatchOrder};
 use machine::{MachineParameters, Quality, Sample, State, StopCause};
@@ -179,9 +179,11 @@ impl Recorder {
                 return over.filter_map(|(_, id)| self.stop_of(&id)).collect();
             }
             StepKind::NcFunction(raw) => {
-                return lines(raw)
-                    .iter()
-                    .flat_map(|line| self.orders_of(line, raw.kind == ALONG))
+                let along = raw.kind == ALONG;
+                return functions_of(raw)
+                    .into_iter()
+                    .flatten()
+                    .flat_map(|function| self.orders_of(&function, along))
                     .collect();
             }
             _ => {}
@@ -189,11 +191,11 @@ impl Recorder {
         vec![]
     }
 
-    fn orders_of(&mut self, line: &str, along: bool) -> Vec<Order> {
-        match parse(line) {
-            Ok(function) if self.ahead.follow(&function.call, along).is_ok() => self.order(&function),
+    fn orders_of(&mut self, function: &Function, along: bool) -> Vec<Order> {
+        match self.ahead.follow(&function.call, along) {
+            Ok(()) => self.order(function),
             // It is told when its turn comes.
-            _ => vec![],
+            Err(_) => vec![],
         }
     }
 

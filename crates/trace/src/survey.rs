@@ -4,11 +4,12 @@
 //! branch that the look did not take is seen when it runs.
 
 use crate::compile::{Compiled, compile, signal_of};
+use crate::function::CONDITION;
 use crate::functions::{Call, TraceId};
 use crate::ids::{Clash, Ids, Kind, started};
-pub use crate::lines::{ALONG, ALONG_RECORD, ALONG_SAMPLING, lines};
+pub use crate::lines::{ALONG, ALONG_RECORD, ALONG_SAMPLING};
 use crate::sensor::{Meaning, Sensor, meaning, streams};
-use crate::{Function, Sampling, parse};
+use crate::{Function, Sampling, functions_of};
 use plan::{Diagnostic, Diagnostics, Level, Place, RawNcFunction, Severity, Step, StepKind};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -130,8 +131,8 @@ impl Survey {
             return;
         }
         let along_a_path = raw.kind == ALONG;
-        for line in lines(raw) {
-            match parse(&line) {
+        for read in functions_of(raw) {
+            match read {
                 Err(found) => self.diagnostics.add(self.placed(*found, step)),
                 Ok(function) => {
                     *self.counts.entry(function.name.clone()).or_default() += 1;
@@ -143,6 +144,10 @@ impl Survey {
                             "put it along a path (other functions), or between the workingsteps",
                             step,
                         );
+                    }
+                    if raw.condition.is_some() && function.definition.is_some_and(|d| d.key(CONDITION).is_none()) {
+                        let text = format!("{} takes no condition: the file's typed one is not looked at", function.name);
+                        self.say(Severity::Warning, "T-06-condition", text, "take it out", step);
                     }
                     self.meaning(&function, step, along_a_path);
                 }

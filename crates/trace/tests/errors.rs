@@ -4,7 +4,9 @@
 mod common;
 
 use common::{Say, look};
-use plan::Level;
+use machine::watch::{Operation, Relation};
+use plan::expression::Operator;
+use plan::{Expression, Level};
 
 /// Severity, code and line of each finding.
 #[track_caller]
@@ -202,6 +204,40 @@ fn t_06_is_what_makes_no_sense_conditions_units_variables_and_geometry() {
     check(&[Say::Function(&at("prob"))], &["error t-06 1"]);
     let at = |name: &str| format!("start_sensor_recording its_function_id=1 its_sensors=X.LOAD its_sampling=points:#{name}");
     check(&[Say::Function(&at("prob")), Say::Function(STOP)], &["error t-06 1"]);
+}
+
+#[test]
+fn t_06_is_a_typed_condition_that_says_something_else_than_its_line() {
+    let line = "start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_frequency=WHEN its_condition=\"ws_time > 1 h\" its_actions=get_time";
+    let over = |seconds: f64| {
+        let time = Box::new(Expression::Name("trace:ws_time".to_owned()));
+        let limit = Box::new(Expression::Number(seconds, None));
+        Some(Ok(Expression::Binary(Operator::Greater, time, limit)))
+    };
+    let stop = Say::Function("stop_synchronized_action its_id=1");
+    check(&[Say::Typed(line, over(3600.0)), stop], &[]);
+    let stop = Say::Function("stop_synchronized_action its_id=1");
+    check(&[Say::Typed(line, over(1800.0)), stop], &["error t-06 1", "error t-01 2"]);
+    let found = look(&[Say::Typed(line, over(1800.0))]);
+    let text = found.diagnostics[0].to_string();
+    assert!(
+        text.contains("\"ws_time > 1 h\"") && text.contains("\"trace:ws_time > 1800\""),
+        "{text}"
+    );
+    assert!(found.conditions.is_empty(), "neither of them is loaded");
+    // Where there is only the typed one, it is what is loaded.
+    let without = line.replace(" its_condition=\"ws_time > 1 h\"", "");
+    let found = look(&[Say::Typed(&without, over(1800.0))]);
+    let signal = machine::watch::signal("trace:ws_time").expect("a signal");
+    assert_eq!(
+        found.conditions[0].1.operations,
+        [Operation::Compare(signal, Relation::Greater, 1800.0)]
+    );
+    check(
+        &[Say::Typed(&without, Some(Err("#7 holds no number".to_owned())))],
+        &["error t-06 1"],
+    );
+    check(&[Say::Typed("get_time", over(1.0))], &["warning t-06-condition 1"]);
 }
 
 #[test]

@@ -260,3 +260,26 @@ fn an_action_along_a_path_ends_with_it() {
     let (start, stop) = (Order::Say(WatchOrder::Start(0)), Order::Say(WatchOrder::Stop(0)));
     assert_eq!(orders, [start.clone(), stop.clone(), start, stop]);
 }
+
+#[test]
+fn a_condition_that_was_not_looked_at_before_and_is_none_is_told_and_starts_nothing() {
+    let line = "start_synchronized_action its_id=1 its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time";
+    let other = plan::Expression::Truth(true);
+    // In a branch that the look did not take.
+    let machine = MachineParameters::small_machining_centre();
+    let mut recorder = Recorder::new(&machine, Timestamp(0), Known::default(), &look(&[]));
+    for step in steps(&[Say::Typed(line, Some(Ok(other)))]) {
+        assert_eq!(recorder.orders(&step), []);
+        recorder.cycle(&Sample::default(), Situation::default());
+        recorder.step(&step, Tick(0));
+    }
+    let told = recorder.take_told();
+    assert_eq!(told[0].data["error"], "T-06");
+    assert!(
+        told[0].data["why"]
+            .as_str()
+            .is_some_and(|why| why.contains("X.LOAD > 1") && why.contains("true")),
+        "{:?}",
+        told[0]
+    );
+}

@@ -6,9 +6,12 @@ use crate::ids::Clash;
 /// Functions of the program.
 impl Recorder {
     pub(super) fn functions(&mut self, raw: &RawNcFunction, step: StepId, tick: Tick) {
-        for line in lines(raw) {
-            let Ok(function) = parse(&line) else { continue };
-            self.function(&function, raw.kind == ALONG, step, tick);
+        for read in functions_of(raw) {
+            match read {
+                Ok(function) => self.function(&function, raw.kind == ALONG, step, tick),
+                // A branch that the look through the program did not take: nobody was told before.
+                Err(found) => self.error(found.code, tick, step, json!({ "line": raw.text, "why": found.message })),
+            }
         }
     }
 
