@@ -259,7 +259,7 @@ fn bracket_with(place: &Place, line: Option<&str>, instances: &str) -> String {
     let output = place.run(&words);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = std::fs::read_to_string(&edited).expect("edited");
-    let function = text.lines().find(|line| line.contains("MACHINING_NC_FUNCTION("));
+    let function = text.lines().rfind(|line| line.contains("MACHINING_NC_FUNCTION("));
     let id = function.and_then(|line| line.split('=').next()).unwrap_or("#748");
     let (before, after) = text.rsplit_once("ENDSEC;").expect("a data section");
     place.program(
@@ -315,11 +315,18 @@ fn a_typed_condition_is_the_line_s_or_takes_its_place_or_is_refused() {
     assert!(typed_over(5.0).lines().skip(1).all(|line| text.contains(line)));
     // Another one.
     let other = bracket_with(&place, Some(&with_text), &typed_over(6.0));
+    let text = std::fs::read_to_string(&other).expect("written");
+    let line = text
+        .lines()
+        .position(|line| line.contains("'extended function'"))
+        .expect("the function")
+        + 1;
+    let place_of = format!("typed.stpnc:{line}:");
     for command in ["check", "run"] {
         let output = place.run(&[command, &other]);
         let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{command}: {said}");
-        for part in ["T-06", "typed.stpnc:", "ws_time > 5 s", "6 < trace:ws_time"] {
+        for part in ["T-06", &place_of, "ws_time > 5 s", "6 < trace:ws_time"] {
             assert!(said.contains(part), "{command}: no {part}: {said}");
         }
     }

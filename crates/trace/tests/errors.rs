@@ -191,12 +191,16 @@ fn t_06_is_what_makes_no_sense_conditions_units_variables_and_geometry() {
         "its_frequency=WHEN its_condition=\"humidity > 3\"",
         "its_frequency=WHEN its_condition=\"ws_time > 3 mm\"",
         "its_frequency=WHEN its_condition=\"X.LOAD\"",
+        "its_frequency=WHEN its_condition=\"TIME_LIMIT > 3\"",
         "its_frequency=WHEN",
         "its_condition=\"X.LOAD > 3\"",
     ] {
         let line = action(rest);
         check(&[Say::Function(&line)], &["error t-06 1", "remark t-04 0"]);
     }
+    // The whole line is not read: what it starts is not known.
+    let line = action("its_frequency=WHEN its_condition=\"X.LOAD > #100\"");
+    check(&[Say::Function(&line)], &["error t-06 1"]);
     check(&[Say::Function("get_drive_load its_variable=load")], &["error t-06 1"]);
     check(&[Say::Function("get_drive_load its_axis=X its_variable=load")], &[]);
     let at = |name: &str| format!("get_drive_load_points its_axis=X its_points=#{name}");
