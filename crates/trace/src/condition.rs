@@ -334,12 +334,20 @@ impl Parser {
 
     /// `#100`: its value changes with the blocks, and the machine that checks the condition in every cycle does not know it.
     fn variable_of_g_code(&self) -> Read {
-        let rest = self.characters[self.at + 1..].iter();
-        let number: String = rest.take_while(|c| c.is_ascii_digit()).collect();
+        let rest = &self.characters[self.at + 1..];
+        let length = match rest.first() {
+            Some(c) if c.is_ascii_digit() => rest.iter().take_while(|c| c.is_ascii_digit()).count(),
+            Some(open @ ('<' | '[')) => {
+                let close = if *open == '<' { '>' } else { ']' };
+                rest.iter().position(|c| *c == close).map_or(rest.len(), |at| at + 1)
+            }
+            _ => return self.expected("the number of a variable behind the #"),
+        };
+        let variable: String = rest[..length].iter().collect();
         fault(
             "T-06",
             self.column(),
-            format!("#{number} is a variable of the program, which the machine does not know in the cycle of the condition"),
+            format!("#{variable} is a variable of the program, which the machine does not know in the cycle of the condition"),
             "write numbers, sensors as X.LOAD, aliases as coolant_pressure, ws_time, op_time, prog_time, mode, tool, feed_override, \
              path_deviation, and alarm[1] to alarm[999]; a STEP-NC program may name a variable, which has the value it has where the action is \
              started",
@@ -468,8 +476,13 @@ mod tests {
         );
         check(
             "X.LOAD > #[#1+2]",
-            "10: # is a variable of the program, which the machine does not know in the cycle of the condition",
+            "10: #[#1+2] is a variable of the program, which the machine does not know in the cycle of the condition",
         );
+        check(
+            "#<limit> > 1",
+            "1: #<limit> is a variable of the program, which the machine does not know in the cycle of the condition",
+        );
+        check("#", "1: expected the number of a variable behind the #, found '#'");
         check("and > 1", "1: expected an operand before the operator, found 'a'");
         check(&"(".repeat(100_000), "33: the condition is nested too deep");
         check(&"-".repeat(100_000), "33: the condition is nested too deep");

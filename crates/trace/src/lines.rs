@@ -46,6 +46,9 @@ fn with_condition(raw: &RawNcFunction) -> Result<Function, Box<Diagnostic>> {
     writable(function)
 }
 
+/// So much of a condition is shown where it is too long for a line.
+const SHOWN: usize = 120;
+
 /// A function is told, loaded and found again by its line: what no line can say is refused.
 fn writable(function: Function) -> Result<Function, Box<Diagnostic>> {
     let Some(condition) = function.condition() else {
@@ -54,7 +57,12 @@ fn writable(function: Function) -> Result<Function, Box<Diagnostic>> {
     match parse(&function.to_string()) {
         Ok(again) if again == function => Ok(function),
         _ => {
-            let text = format!("the condition \"{}\" cannot be written in a line", print(condition));
+            let mut said = print(condition);
+            if let Some((end, _)) = said.char_indices().nth(SHOWN) {
+                said.truncate(end);
+                said.push_str(" ...");
+            }
+            let text = format!("the condition \"{said}\" cannot be written in a line");
             Err(Box::new(Diagnostic::error("T-06", text).remedy(
                 "name its variables with letters, digits and _, write finite numbers and no more than 64 operations",
             )))

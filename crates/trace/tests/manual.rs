@@ -85,7 +85,8 @@ fn manual() -> String {
             let _ = write!(page, "\n```\n{}\n```\n", function.example);
         }
     }
-    page.push_str("\n## Names in conditions\n\nSensors are named `component.TYPE`, as `X.LOAD`; the `<x>` of each `get_<x>` is an alias.\n\n\
+    page.push_str("\n## Names in conditions\n\nSensors are named `component.TYPE`, as `X.LOAD`; the `<x>` of each `get_<x>` is an alias. A variable of a\n\
+         STEP-NC program has the value that it has where the action is started; a variable of G-code (`#100`) cannot stand in a condition (T-06).\n\n\
          In STEP-NC the condition may stand beside the line as an expression (property `condition` of the function), alone or saying the same: a\n\
          comparison turned round, another unit, an alias or a prefix make no difference, the order of other operands does. Its numbers are in the\n\
          units of records, an alarm that is active is 1.\n\n");
