@@ -233,6 +233,7 @@ impl Interpreter {
                 kind: RawNcFunction::VARIABLE_NAME.to_owned(),
                 name: "SETVN".to_owned(),
                 text: String::new(),
+                condition: None,
                 properties,
             }));
         }
@@ -292,6 +293,7 @@ impl Interpreter {
             kind: RawNcFunction::PRINT.to_owned(),
             name: if binary { "BPRNT" } else { "DPRNT" }.to_owned(),
             text: text + end,
+            condition: None,
             properties: BTreeMap::new(),
         }));
         Ok(())

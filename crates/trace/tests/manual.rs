@@ -106,7 +106,11 @@ fn manual() -> String {
         }
     }
     page.push_str(ALL_MODES);
-    page.push_str("\n## Names in conditions\n\nSensors are named `component.TYPE`, as `X.LOAD`; the `<x>` of each `get_<x>` is an alias.\n\n");
+    page.push_str("\n## Names in conditions\n\nSensors are named `component.TYPE`, as `X.LOAD`; the `<x>` of each `get_<x>` is an alias. A variable of a\n\
+         STEP-NC program has the value that it has where the action is started; a variable of G-code (`#100`) cannot stand in a condition (T-06).\n\n\
+         In STEP-NC the condition may stand beside the line as an expression (property `condition` of the function), alone or saying the same: a\n\
+         comparison turned round, another unit, an alias or a prefix make no difference, the order of other operands does. Its numbers are in the\n\
+         units of records, an alarm that is active is 1.\n\n");
     page.push_str("| value of every machine | unit | |\n|---|---|---|\n");
     for (name, _, dimension, doc) in PREDEFINED {
         let _ = writeln!(page, "| `{name}` | {} | {doc} |", dimension.symbol());
@@ -133,12 +137,12 @@ unavailable there, because the same seed has to give the same bytes.\n",
     );
     page.push_str(
         "\n## Errors\n\n| code | case | at load | at run time |\n|---|---|---|---|\n\
-| T-01 | stop without an active start | error; a warning where it was started before | event, goes on |\n\
-| T-02 | id started while active | error | start ignored, event |\n\
+| T-01 | stop without an active start of its kind | error; a warning where it was started before | event, goes on |\n\
+| T-02 | id started while active, as whatever kind of function | error | start ignored, event |\n\
 | T-03 | clear of an alarm that is not active | | event |\n\
 | T-04 | start without stop in its scope | remark | ended by its scope, reason recorded |\n\
 | T-05 | sensor that this machine has not | warning; error with `required=ON` | quality unavailable, one event an outage |\n\
-| T-06 | what makes no sense: names, units and kinds in a condition, several values for one variable, geometry that the file has not | error | event |\n\
+| T-06 | what makes no sense: names, units and kinds in a condition, a typed condition that says something else than the line, several values for one variable, geometry that the file has not | error | event |\n\
 | T-07 | a variable of the machine is written (`sensor:`, `trace:`), by a function, an action or an assignment | error | not written |\n\
 | T-08 | a function that cannot be an action | error | |\n\
 | T-09 | more conditions or firings than the cycle takes, more than 100 000 values spread evenly | error | what is only recorded goes first, counted |\n\

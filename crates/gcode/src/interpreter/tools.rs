@@ -179,6 +179,7 @@ impl Interpreter {
                     kind: RawNcFunction::EXTENDED.to_owned(),
                     name,
                     text,
+                    condition: None,
                     properties: BTreeMap::new(),
                 }),
             );

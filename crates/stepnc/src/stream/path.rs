@@ -108,6 +108,7 @@ impl Walker<'_> {
                 kind: "other functions".into(),
                 name: toolpath.name.clone(),
                 text: String::new(),
+                condition: None,
                 properties,
             })
         });
