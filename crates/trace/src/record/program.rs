@@ -5,10 +5,26 @@ use super::*;
 /// Functions of the program.
 impl Recorder {
     pub(super) fn functions(&mut self, raw: &RawNcFunction, step: StepId, tick: Tick) {
+        self.know_variables(raw);
         for line in lines(raw) {
             let Ok(function) = parse(&line) else { continue };
+            let before = self.told.len();
             self.function(&function, raw.kind == ALONG, step, tick);
+            if let Some(log) = &function.log {
+                for told in &mut self.told[before..] {
+                    told.data.insert("log".to_owned(), Value::from(log.clone()));
+                }
+            }
         }
+    }
+
+    /// What the program itself has put into variables that a function names. A variable that only the machine knows is not among them.
+    fn know_variables(&mut self, raw: &RawNcFunction) {
+        let known = raw.properties.iter().filter_map(|(property, value)| {
+            let name = property.strip_prefix(RawNcFunction::VARIABLE)?;
+            Some((name.to_owned(), value.parse().ok()?))
+        });
+        self.variables.extend(known);
     }
 
     pub(super) fn function(&mut self, function: &Function, along: bool, step: StepId, tick: Tick) {
@@ -101,9 +117,6 @@ impl Recorder {
             _ => {
                 let mut data = self.perform(function, tick);
                 data.insert("function".to_owned(), Value::from(name));
-                if let Some(log) = &function.log {
-                    data.insert("log".to_owned(), Value::from(log.clone()));
-                }
                 self.tell(tick, step, data);
             }
         }
