@@ -19,6 +19,7 @@ mod sheet;
 mod tools;
 mod workplans;
 
+use crate::function_form::FunctionForm;
 use part21::text::encode;
 use plan::{
     Alarm, Answer, CoolantState, Feed, FrameChange, Level, MachineMove, Move, Next, Path, PathMode, ProgramStream, Question,
@@ -53,6 +54,8 @@ pub struct WriteOptions {
     pub turning: bool,
     /// The machine whose offsets the program is read with.
     pub tables: Tables,
+    /// How functions of the program stand in it.
+    pub functions: FunctionForm,
 }
 
 /// A new file.
@@ -315,7 +318,8 @@ impl<'o> Writer<'o> {
             }
             StepKind::NcFunction(RawNcFunction { kind, name, text, .. }) => {
                 let name = if name.is_empty() { kind } else { name };
-                self.function(&name, "extended function", &BTreeMap::from([("description", text)]));
+                let form = self.options.functions;
+                self.function(&name, form.kind(), &BTreeMap::from([(form.property(), text)]));
             }
         }
         Ok(())

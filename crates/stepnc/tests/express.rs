@@ -50,6 +50,7 @@ fn converted(text: &str, profile: &str, inches: bool) -> Vec<u8> {
         inches,
         turning: profile.turning,
         tables,
+        functions: stepnc::FunctionForm::Mapping,
     };
     let mut answer = |question: &Question| match question {
         Question::OptionalStop => Answer::Truth(false),

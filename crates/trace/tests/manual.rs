@@ -304,7 +304,7 @@ fn mapping() -> String {
     let mut page = "# How the functions stand in a file of ISO 10303-238\n\n\
 The schema is `traceability_functions.exp`. It adds no entity to the AIM: a file with a new entity would be refused by every reader there\n\
 is. Each function is one `MACHINING_NC_FUNCTION`, its text one line (`functions.md`). The standard contradicts itself about the two names,\n\
-so both are read; the first is written.\n\n\
+so both are read; the first is written, and the second with `--aim-strict` (convert, edit).\n\n\
 | ARM | AIM |\n|---|---|\n\
 | trace_function (any) | `MACHINING_NC_FUNCTION(name, 'extended function', '', '')` with `ACTION_PROPERTY('description', ...)` and a `DESCRIPTIVE_REPRESENTATION_ITEM('', 'trace:1 ...')` |\n\
 | the same, by the AIM's local rule | `'legacy function'` with the property `'function text'` |\n\
