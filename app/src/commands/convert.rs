@@ -83,7 +83,11 @@ pub fn convert(args: &ConvertArgs, common: &Common) -> Done {
 
 /// How functions are written.
 pub(super) fn function_form(aim_strict: bool) -> FunctionForm {
-    if aim_strict { FunctionForm::AimStrict } else { FunctionForm::Mapping }
+    if aim_strict {
+        FunctionForm::AimStrict
+    } else {
+        FunctionForm::Mapping
+    }
 }
 
 /// The unit in force at the program's first move.

@@ -187,7 +187,10 @@ impl Survey {
             Call::StopSensorRecording { id } => self.stop(Kind::Recording, id, step),
             Call::StartToolLogging { id } => self.start(Kind::Tools, id, step),
             Call::StopToolLogging { id } => self.stop(Kind::Tools, id, step),
-            Call::LogNcEvents { id, on: true, .. } => self.start(Kind::Events, id, step),
+            Call::LogNcEvents { id, on: true, kinds } => {
+                self.kinds(kinds, step);
+                self.start(Kind::Events, id, step);
+            }
             Call::LogNcEvents { id, on: false, .. } => self.stop(Kind::Events, id, step),
             Call::LogOperatorData { id, on: true } => self.start(Kind::Operators, id, step),
             Call::LogOperatorData { id, on: false } => self.stop(Kind::Operators, id, step),
@@ -210,6 +213,16 @@ impl Survey {
                 }
             }
             _ => {}
+        }
+    }
+
+    /// A kind that no event has is a slip of the pen: nothing would be recorded of it.
+    fn kinds(&mut self, kinds: &[String], step: &Step) {
+        let known = |kind: &&String| crate::record::CONTROL_EVENTS.iter().any(|k| k.eq_ignore_ascii_case(kind));
+        for kind in kinds.iter().filter(|kind| !known(kind)) {
+            let text = format!("log_nc_events names '{kind}', and the control has no such event: nothing is recorded of it");
+            let remedy = format!("its events are {}", crate::record::CONTROL_EVENTS.join(", "));
+            self.say(Severity::Warning, "trace-events", text, &remedy, step);
         }
     }
 

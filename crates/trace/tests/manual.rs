@@ -110,6 +110,12 @@ fn manual() -> String {
 `CONTROLLER.WATCH_TIME`\n(NANOSECOND) how long. Both are recorded and watched like any sensor. In simulated time nobody measures: the time is\n\
 unavailable there, because the same seed has to give the same bytes.\n",
     );
+    let kinds: Vec<String> = trace::record::CONTROL_EVENTS.iter().map(|kind| format!("`{kind}`")).collect();
+    let _ = write!(
+        page,
+        "\n## Events of the control\n\nWhat `log_nc_events` records, and what `its_kinds` may name:\n{}.\n",
+        kinds.join(", ")
+    );
     page.push_str(
         "\n## Errors\n\n| code | case | at load | at run time |\n|---|---|---|---|\n\
 | T-01 | stop without an active start | error; a warning where it was started before | event, goes on |\n\
@@ -315,7 +321,8 @@ so both are read; the first is written, and the second with `--aim-strict` (conv
 | samples of a recording | `functions.parquet` of the job, by the hash in the log |\n\
 | operator_data | `APPLIED_PERSON_AND_ORGANIZATION_ASSIGNMENT` with the role 'operator' on the executed project |\n\
 | set_edit_access_level | besides the function `APPLIED_SECURITY_CLASSIFICATION_ASSIGNMENT`, 'edit access level', on each executable that an edit gives the level |\n\
-| coolant_data, and all that is no number | in the log only |\n\n\
+| coolant_data, and all that is no number | in the log only |\n\
+| broadcast (draft of edition 4) | `MACHINING_BROADCAST_STRATEGY` is kept and named by a warning, and records nothing: its AIM is not published |\n\n\
 | function | attributes, in the order of the schema |\n|---|---|\n"
         .to_owned();
     for function in FUNCTIONS {
