@@ -425,6 +425,9 @@ pub struct ConvertArgs {
     /// Name of the project [default: the program's file name].
     #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
+    /// Write functions as the AIM's local rules have them, 'legacy function', and not as the mapping table, which toolkits follow.
+    #[arg(long)]
+    pub aim_strict: bool,
 }
 
 const EDIT_HELP: &str = "\
@@ -469,6 +472,9 @@ pub struct EditArgs {
     /// Another name.
     #[arg(long, value_name = "P=NAME")]
     pub rename: Vec<String>,
+    /// Write functions as the AIM's local rules have them, 'legacy function', and not as the mapping table, which toolkits follow.
+    #[arg(long)]
+    pub aim_strict: bool,
 }
 
 /// `toolmark plan`

@@ -137,26 +137,6 @@ pub struct OfficeHalf<'a, S> {
     lost_firings: u64,
 }
 
-/// Events of the control itself, which `log_nc_events` records.
-const OF_THE_CONTROL: &[&str] = &[
-    "alarm",
-    "controlled-stop",
-    "cycle-start",
-    "emergency-stop",
-    "emergency-stop-released",
-    "encoder-bridged",
-    "fault",
-    "following-warning",
-    "hold",
-    "in-position-timeout",
-    "late",
-    "off-path-stop",
-    "spindle-limited",
-    "starved",
-    "stop",
-    "stopped",
-];
-
 enum Pending {
     Step(Step),
     Alarm(Alarm),
@@ -468,7 +448,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
 
     fn emit(&mut self, kind: &str, step: StepId, tick: Tick, mut data: Detail, sink: &mut dyn RecordSink) {
         if let Some(recorder) = &mut self.functions
-            && OF_THE_CONTROL.contains(&kind)
+            && trace::record::CONTROL_EVENTS.contains(&kind)
         {
             recorder.control_event(kind, &data, tick, step);
         }

@@ -44,6 +44,9 @@ pub(crate) fn act(
     site: Site<'_>,
     stack: &mut Stack,
 ) -> Outcome<Act> {
+    if let Some(refusal) = interpreter.awaited_by(line) {
+        return Err(refusal.at(0));
+    }
     if line.skippable {
         interpreter.decided.get_or_insert((site.number, "a block-skip switch (/)"));
     }
@@ -108,6 +111,7 @@ impl Interpreter {
                 ..
             } => {
                 let value = self.evaluated(line, *value, stack)?;
+                self.await_no_more(u32::from(*number));
                 self.memory.put(u32::from(*number), value, self.origin);
                 Ok(Act::Flow(Flow::NextBlock))
             }

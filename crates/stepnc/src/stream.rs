@@ -840,16 +840,23 @@ impl<'s> Walker<'s> {
                 );
                 self.say(id, StepKind::ToolOffset(ToolOffset::NONE));
             }
-            _ => self.say(
-                id,
-                StepKind::NcFunction(RawNcFunction {
-                    kind: function.kind.clone(),
-                    name: executable.name.clone(),
-                    text: function.text.clone(),
-                    condition: function.condition.clone(),
-                    properties: self.properties_of(function),
-                }),
-            ),
+            _ => {
+                let properties = self.properties_of(function);
+                // From here on only the machine knows what the function writes: a condition asks for it.
+                for variable in plan::written::written(&function.text) {
+                    self.run.variables.remove(&variable.name);
+                }
+                self.say(
+                    id,
+                    StepKind::NcFunction(RawNcFunction {
+                        kind: function.kind.clone(),
+                        name: executable.name.clone(),
+                        text: function.text.clone(),
+                        condition: function.condition.clone(),
+                        properties,
+                    }),
+                );
+            }
         }
         Ok(None)
     }
@@ -860,7 +867,11 @@ impl Walker<'_> {
     /// program that is told with both ways of its branches has no present.
     fn properties_of(&self, function: &Function) -> BTreeMap<String, String> {
         let mut all = function.properties.clone();
-        if function.text.starts_with("trace:") && !self.run.structured {
+        let ours = function
+            .text
+            .get(..6)
+            .is_some_and(|start| start.eq_ignore_ascii_case("trace:"));
+        if ours && !self.run.structured {
             let typed = function.condition.as_ref().and_then(|condition| condition.as_ref().ok());
             let named = self
                 .run

@@ -20,6 +20,7 @@ mod sheet;
 mod tools;
 mod workplans;
 
+use crate::function_form::FunctionForm;
 use part21::text::encode;
 use plan::{
     Alarm, Answer, CoolantState, Feed, FrameChange, Level, MachineMove, Move, Next, Path, PathMode, ProgramStream, Question,
@@ -54,6 +55,8 @@ pub struct WriteOptions {
     pub turning: bool,
     /// The machine whose offsets the program is read with.
     pub tables: Tables,
+    /// How functions of the program stand in it.
+    pub functions: FunctionForm,
 }
 
 /// A new file.
@@ -326,7 +329,8 @@ impl<'o> Writer<'o> {
                 ..
             }) => {
                 let name = if name.is_empty() { kind } else { name };
-                let id = self.function(&name, "extended function", &BTreeMap::from([("description", text)]));
+                let form = self.options.functions;
+                let id = self.function(&name, form.kind(), &BTreeMap::from([(form.property(), text)]));
                 match condition {
                     Some(Ok(condition)) => {
                         let representation = self.sheet.condition(&condition);

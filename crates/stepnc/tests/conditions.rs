@@ -110,6 +110,7 @@ fn written(program: Program) -> Vec<u8> {
         inches: false,
         turning: false,
         tables: Tables::empty(),
+        functions: stepnc::FunctionForm::Mapping,
     };
     convert(&mut stream, &options, &mut |_| Answer::Unknown)
         .expect("it can be written")

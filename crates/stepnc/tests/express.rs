@@ -50,6 +50,7 @@ fn write_options(inches: bool, turning: bool) -> WriteOptions {
         inches,
         turning,
         tables: Tables::empty(),
+        functions: stepnc::FunctionForm::Mapping,
     }
 }
 

@@ -40,6 +40,26 @@ pub struct Told {
 /// The kind of the events that are records of functions.
 pub const EVENT: &str = "trace";
 
+/// Kinds of events of the control itself, which `log_nc_events` records.
+pub const CONTROL_EVENTS: &[&str] = &[
+    "alarm",
+    "controlled-stop",
+    "cycle-start",
+    "emergency-stop",
+    "emergency-stop-released",
+    "encoder-bridged",
+    "fault",
+    "following-warning",
+    "hold",
+    "in-position-timeout",
+    "late",
+    "off-path-stop",
+    "spindle-limited",
+    "starved",
+    "stop",
+    "stopped",
+];
+
 /// A record that no function of the program asked for has this member: when it is made.
 pub const BY_ITSELF: &str = "by_itself";
 
@@ -317,8 +337,8 @@ impl Recorder {
             return;
         };
         if firing.kind == FiringKind::Ended {
+            // Its id stays taken until the program's own stop, which may have been read already.
             action.runs = false;
-            self.ahead.remove(&action.does.id);
             self.tell_action_end(&action, tick, "by hand, from the list of what lives in the machine");
             self.actions.insert(firing.watch, action);
             return;

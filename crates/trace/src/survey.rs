@@ -170,6 +170,7 @@ impl Survey {
                 );
                 self.say(Severity::Warning, "trace-unknown", text, &meant, step);
             }
+            Call::LogNcEvents { on: true, kinds, .. } => self.kinds(kinds, step),
             Call::StartSynchronizedAction(action) => {
                 self.all_modes |= action.all_modes;
                 match compile(action) {
@@ -185,6 +186,16 @@ impl Survey {
                 }
             }
             _ => {}
+        }
+    }
+
+    /// A kind that no event has is a slip of the pen: nothing would be recorded of it.
+    fn kinds(&mut self, kinds: &[String], step: &Step) {
+        let known = |kind: &&String| crate::record::CONTROL_EVENTS.iter().any(|k| k.eq_ignore_ascii_case(kind));
+        for kind in kinds.iter().filter(|kind| !known(kind)) {
+            let text = format!("log_nc_events names '{kind}', and the control has no such event: nothing is recorded of it");
+            let remedy = format!("its events are {}", crate::record::CONTROL_EVENTS.join(", "));
+            self.say(Severity::Warning, "trace-events", text, &remedy, step);
         }
     }
 

@@ -341,3 +341,10 @@ fn a_frame_that_has_no_such_coordinate_is_refused_with_the_reason() {
         found.diagnostics
     );
 }
+
+#[test]
+fn a_kind_that_no_event_of_the_control_has_is_said() {
+    let said = "log_nc_events its_function_id=e its_state=ON its_kinds=hold,Cycle-Start,spindel";
+    let off = "log_nc_events its_function_id=e its_state=OFF";
+    check(&[Say::Function(said), Say::Function(off)], &["warning trace-events 1"]);
+}

@@ -6,13 +6,31 @@ use crate::ids::Clash;
 /// Functions of the program.
 impl Recorder {
     pub(super) fn functions(&mut self, raw: &RawNcFunction, step: StepId, tick: Tick) {
+        self.know_variables(raw);
         for read in functions_of(raw) {
             match read {
-                Ok(function) => self.function(&function, raw.kind == ALONG, step, tick),
+                Ok(function) => {
+                    let before = self.told.len();
+                    self.function(&function, raw.kind == ALONG, step, tick);
+                    if let Some(log) = &function.log {
+                        for told in &mut self.told[before..] {
+                            told.data.insert("log".to_owned(), Value::from(log.clone()));
+                        }
+                    }
+                }
                 // A branch that the look through the program did not take: nobody was told before.
                 Err(found) => self.error(found.code, tick, step, json!({ "line": raw.text, "why": found.message })),
             }
         }
+    }
+
+    /// What the program itself has put into variables that a function names. A variable that only the machine knows is not among them.
+    fn know_variables(&mut self, raw: &RawNcFunction) {
+        let known = raw.properties.iter().filter_map(|(property, value)| {
+            let name = property.strip_prefix(RawNcFunction::VARIABLE)?;
+            Some((name.to_owned(), value.parse().ok()?))
+        });
+        self.variables.extend(known);
     }
 
     pub(super) fn function(&mut self, function: &Function, along: bool, step: StepId, tick: Tick) {
@@ -89,16 +107,13 @@ impl Recorder {
             Call::StartSynchronizedAction(action) => self.start_action(function, action, (step, tick)),
             Call::StopSynchronizedAction { id } => {
                 if !self.end_action(id, tick, "stop") {
-                    // It could not be loaded (T-09), so it never ran.
+                    // It could not be loaded (T-09), so it never ran; or it was ended by hand.
                     self.error("T-01", tick, step, json!({ "function": name, "id": id.0 }));
                 }
             }
             _ => {
                 let mut data = self.perform(function, tick);
                 data.insert("function".to_owned(), Value::from(name));
-                if let Some(log) = &function.log {
-                    data.insert("log".to_owned(), Value::from(log.clone()));
-                }
                 self.tell(tick, step, data);
             }
         }
