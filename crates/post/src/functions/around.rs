@@ -53,6 +53,7 @@ impl Posting<'_, '_> {
     /// A recording ends with the workplan that its start stands in.
     pub(super) fn workplan_ends(&mut self) -> Result<(), Refusal> {
         let open = self.workplans();
+        self.tracing.ways.workplan_ends(open);
         let ends = |found: &(Function, usize)| found.1 > open && matches!(found.0.call, Call::StartSensorRecording(_));
         let native = self.tracing.native.iter().filter(|(_, found)| ends(found));
         let ids: Vec<String> = native.map(|(id, _)| id.clone()).collect();
