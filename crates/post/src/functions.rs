@@ -313,7 +313,7 @@ impl Posting<'_, '_> {
                 )))
             }
             Call::StartSensorRecording(recording) => self.poll(recording, recorder),
-            Call::StopSensorRecording { id } | Call::StopSynchronizedAction { id } => Ok(self.stopped(&id.0)),
+            Call::StopSensorRecording { id } | Call::StopSynchronizedAction { id } => self.stopped(&id.0),
             Call::StartSynchronizedAction(action) => self.check(action),
             Call::SetAlarm(_) | Call::GetTime { .. } | Call::SetEditAccessLevel { .. } | Call::DisplayMessage { .. } => {
                 Ok(Verdict::refused("the control has nothing for it"))

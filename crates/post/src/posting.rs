@@ -176,7 +176,8 @@ pub(crate) struct Posting<'c, 's> {
     pub(crate) here: Option<Origin>,
     pub(crate) levels: Vec<Level>,
     pub(crate) tap: Option<Tap>,
-    moves: u32,
+    /// Moves since conditions were looked at.
+    pub(crate) moves: u32,
     started: bool,
     pub(crate) fingerprint: Fingerprint,
 }
@@ -371,7 +372,6 @@ impl<'c, 's> Posting<'c, 's> {
                 self.travel(go)?;
                 self.moves += 1;
                 if self.moves >= self.options.check_every && self.lifted == 0 {
-                    self.moves = 0;
                     self.check_between_blocks()?;
                 }
                 Ok(())

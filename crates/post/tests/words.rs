@@ -95,3 +95,13 @@ fn markers_parameters_and_timers_of_a_siemens_are_asked_for() {
         );
     }
 }
+
+#[test]
+fn how_to_move_is_said_again_behind_a_tool_change() {
+    // The macro behind M6 is the machine builder's, and may leave another motion in force.
+    let program = format!("O1\n{HEAD}G1 Z0 F100.\nG0 Z20.\nT2 M6\nS600 M3\nX7. Y8.\nG43 H2 Z10.\nM30\n");
+    for control in ["fanuc", "haas", "siemens-840d", "linuxcnc"] {
+        let (text, _) = post_gcode(&program, "fanuc-mill", control).unwrap_or_else(|e| panic!("{e}"));
+        assert!(text.contains("\nG0 X7"), "{control}\n{text}");
+    }
+}

@@ -135,6 +135,7 @@ impl Control for LinuxCnc {
             }
             Statement::Tool { number, .. } => {
                 sheet.modal.tool = Some(*number);
+                sheet.modal.motion = None;
                 sheet.modal.length = None;
                 sheet.line(&format!("T{number} M6"));
             }

@@ -162,6 +162,7 @@ impl Control for Siemens840d {
             }
             Statement::Tool { number, .. } => {
                 sheet.modal.tool = Some(*number);
+                sheet.modal.motion = None;
                 sheet.modal.length_on = false;
                 sheet.line(&format!("T{number}"));
                 if !sheet.turning {

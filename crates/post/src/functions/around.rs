@@ -31,6 +31,10 @@ impl Posting<'_, '_> {
                 Ok(())
             }
             Level::Workingstep => {
+                // G-code has no paths whose ends are looked at.
+                if self.moves > 0 {
+                    self.check_between_blocks()?;
+                }
                 let timers = self.before.as_ref().map(|known| known.timers).unwrap_or_default();
                 if timers[0]
                     && let Reading::Value(source) = self.control.reading("trace:ws_time", self.options.turning)
@@ -60,6 +64,14 @@ impl Posting<'_, '_> {
         for id in ids {
             self.stop_by_itself(&id, "WORKPLAN")?;
         }
+        if self
+            .tracing
+            .checks
+            .values()
+            .any(|check| matches!(check, Check::Poll { workplans, .. } if *workplans > open))
+        {
+            self.check_between_blocks()?;
+        }
         self.tracing
             .checks
             .retain(|_, check| !matches!(check, Check::Poll { workplans, .. } if *workplans > open));
@@ -72,6 +84,7 @@ impl Posting<'_, '_> {
         for id in ids {
             self.stop_by_itself(&id, "PROGRAM")?;
         }
+        self.check_between_blocks()?;
         self.tracing.checks.clear();
         Ok(())
     }

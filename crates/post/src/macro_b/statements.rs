@@ -154,6 +154,8 @@ pub fn write(statement: &Statement<'_>, control: &dyn Control, sheet: &mut Sheet
         }
         Statement::Tool { number, .. } => {
             sheet.modal.tool = Some(*number);
+            // What the macro behind a tool change leaves in force is the machine builder's.
+            sheet.modal.motion = None;
             sheet.modal.length = None;
             if sheet.turning {
                 // The station comes with its offset; without one it is turned in alone.

@@ -148,7 +148,7 @@ pub(super) fn stop_recording(id: &str, sheet: &mut Sheet<'_>) -> Option<Verdict>
     sheet.line("ENDWHILE");
     Some(Verdict::native(
         false,
-        "taken out of the servo cycle, then written to the log",
+        "taken out of the servo cycle, then written to the log; the motion waits for it",
     ))
 }
 
@@ -250,11 +250,15 @@ pub(super) fn start_action(
     sheet
         .notes
         .insert(format!("action parameters {id}"), kept.iter().map(|(_, n)| *n).collect());
+    let logs = !events.is_empty();
     let texts: Vec<String> = kept.iter().map(|(name, _)| name.clone()).chain(events).collect();
     sheet.texts.insert(format!("action {id}"), texts);
     let mut reason = "in the servo cycle".to_owned();
     if !kept.is_empty() {
         reason += "; values of the last firing are kept and written out at its stop";
+    }
+    if logs {
+        reason += "; what it logs is written once, at its stop";
     }
     if action.all_modes {
         reason += "; in all modes, to its stop or power-off";
@@ -376,6 +380,6 @@ pub(super) fn stop_action(id: &str, sheet: &mut Sheet<'_>) -> Option<Verdict> {
     sheet.line("ENDIF");
     Some(Verdict::native(
         false,
-        "taken out of the servo cycle; what it kept is written to the log",
+        "taken out of the servo cycle; what it kept is written to the log; the motion waits for it",
     ))
 }
