@@ -240,6 +240,9 @@ impl<'c, 's> Posting<'c, 's> {
         loop {
             let part = match program.next_part() {
                 Ok(part) => part,
+                Err(alarm) if alarm.diagnostic.file.is_empty() => {
+                    return Err(Box::new(alarm.diagnostic.in_file(self.options.source.clone())));
+                }
                 Err(alarm) => return Err(Box::new(alarm.diagnostic)),
             };
             let Some(part) = part else { break };
