@@ -105,3 +105,31 @@ fn how_to_move_is_said_again_behind_a_tool_change() {
         assert!(text.contains("\nG0 X7"), "{control}\n{text}");
     }
 }
+
+#[test]
+fn the_tool_goes_to_another_set_up_from_out_of_the_way() {
+    // Both sides with one tool: how high the second clamping lies is known at the machine only.
+    let one_tool = BRACKET
+        .replace("(#341,#428,#660,#720)", "(#341,#428,#587,#720)")
+        .replace("'twist drill',(#587)", "'twist drill',(#660)");
+    // And where the file says one place for both.
+    let one_place = one_tool
+        .replace("(-250.,-280.,-300.)", "(-450.,-280.,-300.)")
+        .replace("#797=DIRECTION('',(0.,1.,0.))", "#797=DIRECTION('',(1.,0.,0.))");
+    assert_ne!(one_tool, one_place);
+    for source in [one_tool, one_place] {
+        let (text, _) = post_step_nc("bracket.stpnc", source.as_bytes(), "fanuc").unwrap_or_else(|e| panic!("{e}"));
+        let (before, behind) = text.split_once("\nG55\n").expect("the second set-up has its own offset");
+        let last = &before[before.rfind("(OPERATION").expect("an operation")..];
+        assert!(last.contains("G91 G28 Z0.\nG90"), "{last}");
+        let mut first = behind
+            .lines()
+            .filter(|line| line.contains(['X', 'Y', 'Z']) && !line.starts_with('('));
+        let (across, down) = (first.next().unwrap_or_default(), first.next().unwrap_or_default());
+        assert!(
+            across.contains('X') && across.contains('Y') && !across.contains('Z'),
+            "{across}"
+        );
+        assert!(down.contains('Z') && !down.contains('X'), "{down}");
+    }
+}
