@@ -100,6 +100,8 @@ struct Run {
     variables: BTreeMap<String, f64>,
     gauge: Point<Machine>,
     frame: Option<Transform<Machine, Setup>>,
+    /// The set-up of that frame. Two may lie at one place in the file, and elsewhere at the machine.
+    setup: Option<String>,
     tool: Option<ToolNumber>,
     offset: ToolOffset,
     /// The offset of the tool in the spindle; a path may ask for another one.
@@ -292,6 +294,7 @@ impl Run {
             variables: program.initial_values().clone(),
             gauge: options.tables.position,
             frame: None,
+            setup: None,
             tool: None,
             offset: ToolOffset::NONE,
             own_offset: ToolOffset::NONE,
