@@ -546,6 +546,24 @@ fn certificates_of_the_shop_let_in_and_others_do_not() {
         ];
         toolmark(&args, &folder.path().join("data")).output().expect("it runs")
     };
+    // Who only asks shows the same certificates.
+    let asked = |address: &str, machine: &str, code: i32, why: &str| {
+        let args = ["trace", "actions", "--machine", address, "--machine-file", machine];
+        let done = toolmark(&args, &folder.path().join("data")).output().expect("it runs");
+        assert!(
+            done.status.code() == Some(code) && words(&done).contains(why),
+            "{}",
+            words(&done)
+        );
+    };
+    asked(&controller.address, &file("planner"), 0, "no synchronized action lives in");
+    asked(&controller.address, &file("stranger"), 4, "error: tcp://");
+    asked(
+        &controller.address,
+        &machine_file(folder.path(), ""),
+        4,
+        "encrypted connections only",
+    );
     let stranger = run(&file("stranger"));
     assert_eq!(stranger.status.code(), Some(4), "{}", words(&stranger));
     let plain = run(&machine_file(folder.path(), ""));
@@ -567,6 +585,7 @@ fn certificates_of_the_shop_let_in_and_others_do_not() {
         "--json",
     ];
     let to_open = toolmark(&to_open, &folder.path().join("data")).output().expect("it runs");
+    asked(&open.address, &file("planner"), 4, "it closed the encrypted connection");
     assert_eq!(to_open.status.code(), Some(4), "{}", words(&to_open));
     assert!(
         words(&to_open).contains("it closed the encrypted connection"),
