@@ -84,6 +84,14 @@ pub fn run(args: &RunArgs, common: &Common) -> Done {
     let mut all = checks(&found, travels(&machine), &tables);
     let asked = functions::look_at(&mut *stream_of(&program, &tables, take_up.as_ref())?, &program);
     functions::checks(&asked, acting.level, &mut all);
+    // A run that is taken up goes on with its own actions beside what it left there; the notice names them.
+    if take_up.is_none() {
+        all.extend(driver.left.clashes(&asked).into_iter().map(|text| Check {
+            name: "functions",
+            state: State::Fail,
+            text,
+        }));
+    }
     if asked.all_modes {
         // One of the reasons below when it is refused; here it comes into the log.
         let _ = acting.ask(Action::StartAllModes, &mut directory, start)?;
@@ -372,6 +380,8 @@ pub fn machine_file_behind(common: &Common, file: Option<&Path>, turns: bool) ->
 pub struct Driver {
     /// Its file.
     pub machine: MachineFile,
+    /// What lives in it of earlier runs.
+    left: living::Left,
     behind: Option<(Remote, Machine)>,
 }
 
@@ -403,7 +413,11 @@ impl Driver {
                     machine.name, common.machine
                 )));
             }
-            return Ok(Driver { machine, behind: None });
+            return Ok(Driver {
+                machine,
+                left: living::Left::default(),
+                behind: None,
+            });
         }
         let address = address::read(&common.machine)?;
         let machine = machine_file_behind(common, file, turns)?;
@@ -429,15 +443,17 @@ impl Driver {
             ));
         }
         // Said before anything moves: a machine that holds for a condition of another program is a riddle.
-        match living::left_behind(&address, asking.as_ref(), name) {
-            Ok(left) => left.iter().for_each(|left| shop::notice(left)),
-            Err(failure) => shop::notice(&format!(
+        let left = living::Left::behind(&address, asking.as_ref(), name).unwrap_or_else(|failure| {
+            shop::notice(&format!(
                 "what earlier runs have left in the machine is not known: {}",
                 failure.message
-            )),
-        }
+            ));
+            living::Left::default()
+        });
+        left.notice().iter().for_each(|left| shop::notice(left));
         Ok(Driver {
             machine,
+            left,
             behind: Some((remote, found)),
         })
     }

@@ -49,6 +49,8 @@ pub struct Found {
     pub missing: Vec<String>,
     /// What is wrong, odd or missing.
     pub diagnostics: Vec<Diagnostic>,
+    /// What the program starts somewhere, each by its kind and id.
+    pub started: Vec<(&'static str, TraceId)>,
     /// An action goes on in all modes: somebody with the right to that has to be signed in.
     pub all_modes: bool,
     /// Geometry that recordings name, and what is to be said when the file has it not.
@@ -114,6 +116,7 @@ impl Survey {
         let mut compiled = self.compiled;
         Found {
             counts: self.counts,
+            started: self.started.into_iter().map(|(kind, id)| (kind.word(), id)).collect(),
             conditions: self
                 .order
                 .into_iter()

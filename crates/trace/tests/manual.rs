@@ -55,8 +55,9 @@ it is checked in jog too, goes on when program and run are over, through reset a
 - the end of the machine's power, or of `toolmark controller`.\n\n\
 To start a program with such an action takes level 6. On a machine that `toolmark run` simulates it ends with the run, and the log says so;\n\
 in a controller it goes on, and the log of the job says that (`goes on`). There it still sets and clears alarms, with their reactions, and its\n\
-firings are counted; what it would record is recorded by nobody, because the run that would is over. Every run of the program starts one of\n\
-its own, so the next run says at its beginning what earlier ones have left there.\n\n\
+firings are counted; what it would record is recorded by nobody, because the run that would is over. Its id stays taken: a program that\n\
+starts something of that id is refused there (T-02), the same program run again too, until it was ended. A run that is taken up with\n\
+`--resume` or `--from` goes on with its own beside it. Every run says at its beginning what earlier ones have left there.\n\n\
 ```\n\
 toolmark trace actions --machine tcp://127.0.0.1:7450\n\
    1  id 1    all modes  since 2026-11-22 14:03:12, fired 1, of plate.nc of jo  WHEN ws_time > 3600 s\n\

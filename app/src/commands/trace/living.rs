@@ -21,6 +21,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 use trace::Call;
+use trace::survey::Found;
 use units::Timestamp;
 
 /// A controller that is asked.
@@ -157,24 +158,59 @@ pub fn end(which: &str, file: Option<&Path>, common: &Common) -> Done {
     Ok(Exit::Good)
 }
 
-/// Notices of what earlier runs have left in a controller, before another one begins there.
-///
-/// # Errors
-/// It does not answer.
-pub fn left_behind(address: &Address, client: Option<&Client>, name: &str) -> Result<Option<String>, Failure> {
-    let answer = ask(address, client, name, Asked::Living)?;
-    let left: Vec<String> = (answer.lived.iter())
-        .filter(|lived| lived.living.all_modes)
-        .map(|lived| format!("{} (of '{}')", lived.living.mark, lived.by))
-        .collect();
-    Ok((!left.is_empty()).then(|| {
-        format!(
-            "synchronized actions in all modes of earlier runs live in {}: {}. They go on acting on alarms and motion beside this \
-             run's own, which come new with every run: toolmark trace actions --machine {address} shows them, toolmark trace end ends them",
-            answer.machine,
-            left.join(", ")
-        )
-    }))
+/// What earlier runs have left in a controller.
+#[derive(Clone, Debug, Default)]
+pub struct Left {
+    controller: String,
+    machine: String,
+    actions: Vec<Living>,
+}
+
+impl Left {
+    /// Asks, before another run begins there.
+    ///
+    /// # Errors
+    /// It does not answer.
+    pub fn behind(address: &Address, client: Option<&Client>, name: &str) -> Result<Left, Failure> {
+        let answer = ask(address, client, name, Asked::Living)?;
+        let now = clock::start_time(None)?;
+        let lasting = answer.lived.iter().filter(|lived| lived.living.all_modes);
+        Ok(Left {
+            controller: address.to_string(),
+            machine: answer.machine.clone(),
+            actions: lasting.map(|lived| Living::of(lived, answer.now.0, now)).collect(),
+        })
+    }
+
+    /// What a person should know before anything moves; `None` where nothing is left.
+    pub fn notice(&self) -> Option<String> {
+        let left: Vec<String> = self.actions.iter().map(|a| format!("{} (of '{}')", a.number, a.by)).collect();
+        (!left.is_empty()).then(|| {
+            format!(
+                "synchronized actions in all modes of earlier runs live in {}: {}. They go on acting on alarms and motion beside this run's \
+                 own: toolmark trace actions --machine {} shows them, toolmark trace end ends them",
+                self.machine,
+                left.join(", "),
+                self.controller
+            )
+        })
+    }
+
+    /// Each id that a program starts and that one of these has: T-02, with what to do.
+    pub fn clashes(&self, found: &Found) -> Vec<String> {
+        let mut clashes = Vec::new();
+        for action in &self.actions {
+            let Some((kind, id)) = found.started.iter().find(|(_, id)| Some(&id.0) == action.id.as_ref()) else {
+                continue;
+            };
+            clashes.push(format!(
+                "T-02: {kind} {id} is started while {id} is active as a synchronized action in all modes, which '{}' has left in {}; \
+                 toolmark trace end {} --machine {} ends it, or give one of them another id",
+                action.by, self.machine, action.number, self.controller
+            ));
+        }
+        clashes
+    }
 }
 
 /// What is to be ended.
