@@ -15,6 +15,7 @@ use crate::program::Program;
 use crate::progress::Progress;
 use crate::report::{self, Page};
 use crate::survey::minutes;
+use crate::taking_up::Answers;
 use crate::{clock, files, recording, shop};
 use asrun::{PlanOptions, PlannedProgram, Rebuild, RecordFrame, RecordPoint, Recording};
 use cell::link::Load;
@@ -257,7 +258,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
             (&written_now, job.tables())
         }
     };
-    let mut rebuild = rebuild(order, (program, &tables), &record_read, &outcome)?;
+    let mut rebuild = rebuild(order, (program, &tables), (&record_read, &events), &outcome)?;
     functions::results(&events, &mut rebuild.executed);
     let printed = Printed::of(&events);
     rebuild.report.findings.extend(functions::alarms(&printed.functions));
@@ -584,7 +585,7 @@ impl RecordSink for RunRows<'_> {
 fn rebuild(
     order: &Order<'_>,
     (program, tables): (&Program, &Tables),
-    record: &Recording,
+    (record, events): (&Recording, &[Event]),
     outcome: &Outcome,
 ) -> Result<Rebuild, Failure> {
     let mut stream = program.stream(tables)?;
@@ -596,7 +597,11 @@ fn rebuild(
         rapid: shop::limits(order.machine).v_max,
         ..PlanOptions::default()
     };
-    let plan = PlannedProgram::read(&mut *stream, &program.name, &options, &mut crate::survey::beforehand);
+    // Where the machine decided the program's way, the run is held against the way that it took.
+    let mut answers = Answers::of_events(events);
+    let plan = PlannedProgram::read(&mut *stream, &program.name, &options, &mut |question| {
+        answers.answer(question)
+    });
     let options = asrun::Options {
         name: "run 1".to_owned(),
         tolerance: order.tolerance,
