@@ -58,7 +58,7 @@ fn a_program_goes_on_with_what_a_function_measured() {
     let run = shop.run(&program);
     // Over X20 to X13, and that is the plan too.
     assert_eq!(
-        (&run["verdict"], &run["unmatched"]),
+        (&run["report"]["verdict"], &run["report"]["unmatched"]),
         (&Value::from("good"), &Value::from(1)),
         "{run:#}"
     );
