@@ -43,7 +43,19 @@ pub fn look_at(stream: &mut dyn ProgramStream, program: &Program) -> Found {
             Next::End | Next::Alarm(_) => break,
         }
     }
-    let found = survey.finish();
+    let mut found = survey.finish();
+    if let Some(step_nc) = program.step_nc() {
+        // A step of a STEP file knows its instance; a person looks for the line.
+        let unplaced = found.diagnostics.iter_mut().filter(|diagnostic| diagnostic.line == 0);
+        for diagnostic in unplaced {
+            let row = diagnostic.entity.and_then(|entity| step_nc.file().row(entity));
+            if let Some(row) = row {
+                let place = step_nc.file().position(step_nc.file().offset(row));
+                diagnostic.line = u32::try_from(place.line).unwrap_or(u32::MAX);
+                diagnostic.column = u32::try_from(place.column).unwrap_or(u32::MAX);
+            }
+        }
+    }
     if found.points.is_empty() {
         return found;
     }

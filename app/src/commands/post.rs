@@ -78,7 +78,8 @@ pub fn posted(args: &PostArgs, program: &Program, machine: &str) -> Result<Writt
         head.push(format!("READ AS {dialect}: {because}"));
         head.push("SUBPROGRAMS AND CYCLES ARE WRITTEN OUT, VALUES OF VARIABLES ARE THOSE OF THE PROGRAM".to_owned());
     }
-    if args.as_interpreted {
+    // Conditions of STEP-NC are kept whatever was asked for.
+    if args.as_interpreted && program.step_nc().is_none() {
         head.push("AS INTERPRETED: BRANCHES AND VALUES OF THE MACHINE ARE AS THEY CAME WITHOUT A MACHINE".to_owned());
     }
     let bases = bases(program, &mut head);

@@ -278,8 +278,9 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
     }
 
     /// A condition that has to be loaded into the machine's watches before the program goes on: one that was not seen beforehand.
-    pub fn to_load(&self) -> Option<&Compiled> {
-        self.to_load.as_ref().map(|(_, compiled, _)| compiled)
+    /// With it the line that starts it.
+    pub fn to_load(&self) -> Option<(&str, &Compiled)> {
+        self.to_load.as_ref().map(|(line, compiled, _)| (line.as_str(), compiled))
     }
 
     /// What became of it.

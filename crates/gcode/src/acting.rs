@@ -237,6 +237,7 @@ impl Interpreter {
                 kind: RawNcFunction::VARIABLE_NAME.to_owned(),
                 name: "SETVN".to_owned(),
                 text: String::new(),
+                condition: None,
                 properties,
             }));
         }
@@ -296,6 +297,7 @@ impl Interpreter {
             kind: RawNcFunction::PRINT.to_owned(),
             name: if binary { "BPRNT" } else { "DPRNT" }.to_owned(),
             text: text + end,
+            condition: None,
             properties: BTreeMap::new(),
         }));
         Ok(())

@@ -3,6 +3,7 @@
 
 mod around;
 mod checks;
+mod ways;
 
 use crate::grade::{Grade, Row, Verdict};
 use crate::letters::pieces;
@@ -119,6 +120,8 @@ pub(crate) struct Tracing {
     along_path: Vec<String>,
     /// How many levels were open where something that ends with its workplan began.
     counted: u32,
+    /// What begins and ends on which way of a branch.
+    pub(crate) ways: ways::Ways,
 }
 
 /// Something that is looked at between blocks.
@@ -161,14 +164,19 @@ impl Posting<'_, '_> {
             );
             return Ok(());
         }
-        match trace::parse(&raw.text) {
-            Ok(function) => self.traced(&function),
-            Err(found) => Err(Refusal::new(
-                "trace-line",
-                format!("a function cannot be read: {found}"),
-                "correct the line",
-            )),
+        for read in trace::functions_of(raw) {
+            match read {
+                Ok(function) => self.traced(&function)?,
+                Err(found) => {
+                    return Err(Refusal::new(
+                        "trace-line",
+                        format!("a function cannot be read: {found}"),
+                        "correct the line",
+                    ));
+                }
+            }
         }
+        Ok(())
     }
 
     /// Posts a function and takes down its grade.
@@ -212,6 +220,17 @@ impl Posting<'_, '_> {
     }
 
     pub(super) fn written(&mut self, function: &Function) -> Result<Verdict, Refusal> {
+        if let Some((span, _)) = ways::span(&function.call) {
+            if self.across.contains(&span) {
+                return Ok(Verdict::external(format!(
+                    "it begins or ends on one way of a branch, or in a loop, and not on the other: which way was taken is known at the \
+                     machine only: {}",
+                    self.control.recorder()
+                )));
+            }
+            let workplans = self.workplans();
+            self.tracing.ways.pass(&function.call, workplans);
+        }
         self.asks_for_time(function);
         if let Some(verdict) = self.control.function(function, &mut self.sheet)? {
             self.remember(function, &verdict);
@@ -299,7 +318,7 @@ impl Posting<'_, '_> {
                 )))
             }
             Call::StartSensorRecording(recording) => self.poll(recording, recorder),
-            Call::StopSensorRecording { id } | Call::StopSynchronizedAction { id } => Ok(self.stopped(&id.0)),
+            Call::StopSensorRecording { id } | Call::StopSynchronizedAction { id } => self.stopped(&id.0),
             Call::StartSynchronizedAction(action) => self.check(action),
             Call::SetAlarm(_) | Call::GetTime { .. } | Call::SetEditAccessLevel { .. } | Call::DisplayMessage { .. } => {
                 Ok(Verdict::refused("the control has nothing for it"))
@@ -497,7 +516,7 @@ impl Posting<'_, '_> {
     /// What a line at each tool change will be, without writing one.
     fn tool_log_verdict(&mut self) -> Result<Verdict, Refusal> {
         let mut nowhere = |_: &str| {};
-        let mut aside = Posting::new(self.control, self.options, &mut nowhere, None);
+        let mut aside = Posting::new(self.control, self.options, &mut nowhere, None, BTreeSet::new());
         aside.tool = 1;
         let verdict = aside.tool_log(None);
         self.found.logs |= verdict.is_ok();

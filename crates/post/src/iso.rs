@@ -30,7 +30,7 @@ pub fn line(line: &Line, codes: Codes, sheet: &mut Sheet<'_>) -> Result<(), Refu
     let motion = if line.pace == Pace::Rapid { "G0" } else { "G1" };
     let mut words = modal_motion(motion, sheet);
     words.extend(feed_mode(line.pace, codes, sheet));
-    if line.words[2].is_some() {
+    if line.words[2].is_some() || sheet.turning {
         words.extend(sheet.modal.length.take());
     }
     words.extend(axis_words(line.words, sheet));

@@ -22,6 +22,19 @@ const FIRST: u32 = 100;
 
 const NUMBERS: Decimals = Decimals::pointed(6);
 
+/// Variables that were given milliseconds, among the texts of a sheet.
+const MILLISECONDS: &str = "milliseconds";
+
+/// In what the two differ.
+pub struct Series {
+    /// What #3011 and #3012 hold is known from a manual.
+    pub times_verified: bool,
+    /// Largest number of an alarm (`#3000`), and whether the range is known.
+    pub largest_alarm: (u16, bool),
+    /// Longest text of an alarm that every screen shows.
+    pub longest_alarm: usize,
+}
+
 /// Expressions; truths are jumps.
 pub static STYLE: Style = Style {
     operators: &[
@@ -180,13 +193,26 @@ pub fn dprnt(items: &[Item], sheet: &mut Sheet<'_>) -> Result<bool, Refusal> {
                     scratch
                 };
                 push_text(&mut line, name);
-                line.push_str(&text);
-                line.push_str("[53]");
+                line.push_str(&format!("{text}{}", digits(&text, sheet)));
             }
         }
     }
     sheet.line(&format!("DPRNT[{line}]"));
     Ok(false)
+}
+
+/// Digits before and behind the point, eight at most on a Haas; what is longer is cut off on a Fanuc.
+fn digits(variable: &str, sheet: &Sheet<'_>) -> &'static str {
+    let milliseconds = sheet
+        .texts
+        .get(MILLISECONDS)
+        .is_some_and(|all| all.iter().any(|name| name == variable));
+    match variable {
+        "#3011" => "[80]", // yyyymmdd
+        "#3012" => "[60]", // hhmmss
+        _ if milliseconds => "[80]",
+        _ => "[53]",
+    }
 }
 
 fn push_text(line: &mut String, text: &str) {
@@ -212,7 +238,7 @@ fn push_text(line: &mut String, text: &str) {
 /// The line does not fit.
 pub fn function(
     function: &Function,
-    times_verified: bool,
+    series: &Series,
     control: &dyn Control,
     sheet: &mut Sheet<'_>,
 ) -> Result<Option<Verdict>, Refusal> {
@@ -220,8 +246,9 @@ pub fn function(
         Call::GetTime { label } => {
             let mut reason = "date and time to the second from #3011 and #3012, quality derived".to_owned();
             if let Some(name) = &function.variable {
-                let number = sheet.variable(name);
-                sheet.line(&format!("{}=#3001", variable(number)?));
+                let name = variable(sheet.variable(name))?;
+                sheet.line(&format!("{name}=#3001"));
+                sheet.texts.entry(MILLISECONDS.to_owned()).or_default().push(name);
                 reason += "; the variable holds milliseconds since power-on (#3001)";
             }
             let items = [
@@ -230,17 +257,23 @@ pub fn function(
                 Item::Value("CLOCK".to_owned(), Source::of("#3012")),
             ];
             let log = control.log(&items, sheet)?;
-            Some(Verdict::between_blocks(log && times_verified, reason))
+            Some(Verdict::between_blocks(log && series.times_verified, reason))
         }
         Call::SetAlarm(alarm) => {
-            let text = alarm_text(&alarm.text, sheet);
+            let text = alarm_text(&alarm.text, series, sheet);
             match alarm.reaction {
                 Reaction::StopNow => {
-                    sheet.line(&format!("#3000={}({text})", alarm.id));
-                    Some(Verdict::native(
-                        true,
-                        "the control halts and needs RESET; which numbers it takes depends on the series",
-                    ))
+                    let (largest, verified) = series.largest_alarm;
+                    let mut reason = "the control halts and needs RESET; which numbers it takes depends on the series".to_owned();
+                    if alarm.id > largest {
+                        // The halt is what counts; its number is in the text.
+                        let text = alarm_text(&format!("{} {}", alarm.id, alarm.text), series, sheet);
+                        sheet.line(&format!("#3000={largest}({text})"));
+                        reason += &format!("; {} is beyond {largest} and stands in the text", alarm.id);
+                    } else {
+                        sheet.line(&format!("#3000={}({text})", alarm.id));
+                    }
+                    Some(Verdict::native(verified, reason))
                 }
                 Reaction::FeedHold | Reaction::StopAfterOperation => {
                     sheet.line(&format!("#3006=1({text})"));
@@ -260,7 +293,7 @@ pub fn function(
             }
         }
         Call::DisplayMessage { text } => {
-            let text = alarm_text(text, sheet);
+            let text = alarm_text(text, series, sheet);
             sheet.line(&format!("#3006=1({text})"));
             Some(Verdict::between_blocks(
                 true,
@@ -272,12 +305,12 @@ pub fn function(
 }
 
 /// Text of an alarm: short, without brackets.
-fn alarm_text(text: &str, sheet: &Sheet<'_>) -> String {
+fn alarm_text(text: &str, series: &Series, sheet: &Sheet<'_>) -> String {
     let text: String = text
         .chars()
         .map(|c| if matches!(c, '(' | ')' | '[' | ']') { ' ' } else { c })
         .collect();
-    sheet.short(&text, 31)
+    sheet.short(&text, series.longest_alarm)
 }
 
 /// A register of the control.

@@ -15,7 +15,7 @@ use plan::flow::{Flow, Part, StructuredProgram};
 use plan::{
     CoolantState, Diagnostic, FrameChange, Level, MachineMove, Origin, PathMode, Place, SpindleState, Step, StepKind, ToolOffset,
 };
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use units::{Machine, Setup, ToolNumber, Transform};
 
 /// What the person who posts says.
@@ -86,16 +86,22 @@ pub fn post(
     options: &Options,
     out: &mut dyn FnMut(&str),
 ) -> Result<Posted, Box<Diagnostic>> {
-    let known = {
+    // What turns out to begin on one way of a branch and to end on another is not written when the program is looked through again.
+    let mut across = BTreeSet::new();
+    let known = loop {
         let mut nowhere = |_: &str| {};
         let mut program = open(0)?;
-        let mut first = Posting::new(control, options, &mut nowhere, None);
+        let mut first = Posting::new(control, options, &mut nowhere, None, across.clone());
         first.run(program.as_mut())?;
-        first.known()
+        let known = first.known();
+        if known.across.is_empty() {
+            break known;
+        }
+        across.extend(known.across);
     };
     let fingerprint = known.fingerprint;
     let mut program = open(1)?;
-    let mut second = Posting::new(control, options, out, Some(known));
+    let mut second = Posting::new(control, options, out, Some(known), across);
     second.run(program.as_mut())?;
     let again = second.known();
     if !again.fingerprint.is_like(&fingerprint) {
@@ -133,6 +139,10 @@ pub(crate) struct Known {
     /// The program asks how long workingsteps, operations or itself take.
     pub(crate) timers: [bool; 3],
     pub(crate) logs: bool,
+    /// It sets tolerances of paths.
+    pub(crate) tolerances: bool,
+    /// Functions that begin and end on different ways of a branch.
+    pub(crate) across: BTreeSet<String>,
     pub(crate) fingerprint: Fingerprint,
     pub(crate) lines: u64,
 }
@@ -145,6 +155,8 @@ pub(crate) struct Posting<'c, 's> {
     pub(crate) before: Option<Known>,
     pub(crate) found: Known,
     pub(crate) tracing: Tracing,
+    /// Functions that are left out because of the ways they are on.
+    pub(crate) across: BTreeSet<String>,
     /// Where the control has each axis, in units of words.
     pub(crate) at: [Option<i64>; 3],
     /// Axes that the next move names whatever the control believes.
@@ -164,7 +176,8 @@ pub(crate) struct Posting<'c, 's> {
     pub(crate) here: Option<Origin>,
     pub(crate) levels: Vec<Level>,
     pub(crate) tap: Option<Tap>,
-    moves: u32,
+    /// Moves since conditions were looked at.
+    pub(crate) moves: u32,
     started: bool,
     pub(crate) fingerprint: Fingerprint,
 }
@@ -175,6 +188,7 @@ impl<'c, 's> Posting<'c, 's> {
         options: &'c Options,
         out: &'s mut dyn FnMut(&str),
         before: Option<Known>,
+        across: BTreeSet<String>,
     ) -> Self {
         Posting {
             control,
@@ -183,6 +197,7 @@ impl<'c, 's> Posting<'c, 's> {
             before,
             found: Known::default(),
             tracing: Tracing::default(),
+            across,
             at: [None; 3],
             force: [false; 3],
             lifted: 0,
@@ -214,6 +229,7 @@ impl<'c, 's> Posting<'c, 's> {
                 all.sort_by_key(|(_, number)| **number);
                 all.iter().map(|(name, _)| (*name).clone()).collect()
             },
+            across: self.tracing.ways.across,
             fingerprint: self.fingerprint,
             lines: self.sheet.lines(),
             ..self.found
@@ -224,6 +240,9 @@ impl<'c, 's> Posting<'c, 's> {
         loop {
             let part = match program.next_part() {
                 Ok(part) => part,
+                Err(alarm) if alarm.diagnostic.file.is_empty() => {
+                    return Err(Box::new(alarm.diagnostic.in_file(self.options.source.clone())));
+                }
                 Err(alarm) => return Err(Box::new(alarm.diagnostic)),
             };
             let Some(part) = part else { break };
@@ -309,6 +328,7 @@ impl<'c, 's> Posting<'c, 's> {
         for variable in &known.variables {
             self.sheet.variable(variable);
         }
+        self.sheet.modal.tolerances = known.tolerances;
         if known.timers[2] {
             self.start_timer(2);
         }
@@ -355,7 +375,6 @@ impl<'c, 's> Posting<'c, 's> {
                 self.travel(go)?;
                 self.moves += 1;
                 if self.moves >= self.options.check_every && self.lifted == 0 {
-                    self.moves = 0;
                     self.check_between_blocks()?;
                 }
                 Ok(())
@@ -396,6 +415,7 @@ impl<'c, 's> Posting<'c, 's> {
             StepKind::Frame(frame) => self.frame(frame),
             StepKind::PathMode(mode) => {
                 self.path_mode = *mode;
+                self.found.tolerances |= matches!(mode, PathMode::Tolerance(Some(_)));
                 self.write(&Statement::PathMode(*mode))
             }
             StepKind::Message(text) => {
@@ -420,6 +440,16 @@ impl<'c, 's> Posting<'c, 's> {
 
     fn flow(&mut self, flow: &Flow) -> Result<(), Refusal> {
         self.finish_tap()?;
+        let ways = &mut self.tracing.ways;
+        match flow {
+            Flow::If(_) | Flow::While(_) => ways.part(),
+            Flow::Otherwise => {
+                ways.meet();
+                ways.part();
+            }
+            Flow::EndIf | Flow::EndWhile => ways.meet(),
+            Flow::Assign { .. } | Flow::Retract => {}
+        }
         match flow {
             Flow::If(condition) => self.border(&Statement::If(condition)),
             Flow::Otherwise => self.border(&Statement::Else),

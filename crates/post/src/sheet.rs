@@ -74,6 +74,8 @@ pub struct Modal {
     pub tool: Option<u32>,
     /// A tolerance of the path is set.
     pub tolerance_on: bool,
+    /// The program sets one somewhere: where ways meet it may be on.
+    pub tolerances: bool,
 }
 
 impl Modal {
@@ -83,7 +85,8 @@ impl Modal {
             length: self.length.take(),
             length_on: self.length_on,
             tool: self.tool,
-            tolerance_on: self.tolerance_on,
+            tolerance_on: self.tolerances,
+            tolerances: self.tolerances,
             ..Modal::default()
         };
     }

@@ -100,8 +100,8 @@ impl<S: ProgramStream> StructuredProgram for Interpreted<S> {
     }
 }
 
-/// The machine with its axes, work offsets and tool lengths elsewhere, differently in each pass: a program whose words are absolute
-/// does not notice. Radii and wear of radii stay, because cutter compensation is worked out.
+/// The machine with its axes, work offsets and tool lengths elsewhere, differently in each pass and for each tool: a program whose words are
+/// absolute does not notice. Radii and wear of radii stay, because cutter compensation is worked out.
 pub fn elsewhere(tables: &Tables, pass: usize, turning: bool) -> Tables {
     // No program has words for these places, so no move is left out because the tool is there already.
     let pass = pass as f64;
@@ -124,8 +124,10 @@ pub fn elsewhere(tables: &Tables, pass: usize, turning: bool) -> Tables {
         .extend(names.enumerate().map(|(n, name)| (name, place(n as f64))));
     for number in 1..=999 {
         let entry = moved.tools.entry(ToolNumber(number)).or_default();
-        let across = if turning { 31.379_171 + pass } else { 0.0 };
-        entry.geometry = Offset(Vector::new(across, 0.0, 97.137_931 + 1.19 * pass));
+        // No two are alike: a word that leads another tool to the same height is a move, and stays.
+        let own = 0.071_317 * f64::from(number);
+        let across = if turning { 31.379_171 + pass + own } else { 0.0 };
+        entry.geometry = Offset(Vector::new(across, 0.0, 97.137_931 + 1.19 * pass + own));
         entry.wear = Offset(Vector::ZERO);
     }
     moved

@@ -42,6 +42,7 @@ fn a_value_of_the_cycle_is_compared_with_what_the_program_worked_out_before() {
     check("WS_TIME > TIME_LIMIT", Some("$AC_TIMER[1]>R1"));
     // The value of the cycle stands on the left.
     check("TIME_LIMIT < WS_TIME", Some("$AC_TIMER[1]>R1"));
+    check("3600 s < WS_TIME", Some("$AC_TIMER[1]>3600"));
     check("WS_TIME > 2 * TIME_LIMIT", Some("$AC_TIMER[1]>(2*R1)"));
     check(
         "WS_TIME > TIME_LIMIT and X.LOAD >= 80 %",
@@ -74,4 +75,42 @@ fn coordinates_of_a_frame_are_not_posted_as_those_of_the_axes() {
         text.contains("$VA_IM2[X]") && done.functions[0].grade == Grade::BlockBoundary,
         "{text}"
     );
+}
+
+#[test]
+fn a_check_is_looked_at_once_more_before_it_ends() {
+    // A program of fewer moves than lie between two checks would look at its condition at the start only.
+    let start = |id: &str| {
+        format!(
+            "trace:1 start_synchronized_action its_id={id} its_mode_scope=AUTOMATIC its_frequency=WHEN its_condition=\"X.LOAD > 80 %\" its_actions=\"log_event its_kind={id}\""
+        )
+    };
+    let (stopped, left) = (start("A"), start("B"));
+    let (_, text) = posted("haas", &[&stopped, &left, "trace:1 stop_synchronized_action its_id=A"]);
+    assert_eq!(text.matches("DPRNT[EVENT*A*]").count(), 2, "{text}");
+    assert_eq!(text.matches("DPRNT[EVENT*B*]").count(), 2, "{text}");
+}
+
+#[test]
+fn what_an_action_of_the_840d_logs_is_said_to_be_written_at_its_stop() {
+    let line = "trace:1 start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_frequency=EVERY its_condition=\"X.LOAD > 80 %\" its_actions=\"log_event its_kind=k\"";
+    let (done, _) = posted("siemens-840d", &[line]);
+    assert!(
+        done.functions[0].reason.contains("once, at its stop"),
+        "{}",
+        done.functions[0].reason
+    );
+}
+
+#[test]
+fn what_waits_at_once_does_not_say_that_it_waits_for_the_operation() {
+    let line = "trace:1 set_alarm its_alarm_id=1 its_text=x its_reaction=stop_after_operation";
+    for control in ["fanuc", "haas", "heidenhain", "linuxcnc"] {
+        let (done, _) = posted(control, &[line]);
+        assert!(
+            done.functions[0].reason.ends_with("not at the operation's end"),
+            "{}",
+            done.functions[0].reason
+        );
+    }
 }

@@ -41,6 +41,28 @@ fn tapping_stays_tapping() {
 }
 
 #[test]
+fn a_tapped_hole_of_a_lathe_is_the_one_that_was_meant() {
+    // R of a lathe counts from where the tool stands: written as a place it would be twice as far.
+    same_as_its_source(
+        "O1\nG21 G18 G99\nT0101\nG97 S500 M3\nG0 X0. Z5.\nM29 S500\nG84 Z-12. R-2. F1.25\nG80\nG0 Z50.\nM5\nM30\n",
+        "fanuc-lathe",
+    );
+}
+
+#[test]
+fn another_tool_is_led_to_the_height_that_the_program_says() {
+    // Z10. again, but of a longer tool: without the word it would cross the part as deep as it is longer.
+    same_as_its_source(
+        "O1\nG21 G90 G54\nT1 M6\nS500 M3\nG0 G43 H1 X5. Y6. Z10.\nG1 Z0 F100.\nG0 Z10.\nT8 M6\nS500 M3\nG0 G43 H8 X50. Y60. Z10.\nG1 Z-1. F100.\nG0 Z10.\nG43 H7 X70. Z10.\nG49 X80. Z10.\nM30\n",
+        "fanuc-mill",
+    );
+    same_as_its_source(
+        "O1\nG21 G18 G98\nT0101\nG97 S500 M3\nG0 X40. Z5.\nG1 X30. F100.\nG0 X40.\nT0100\nT0808\nG0 X40. Z5.\nG1 X30. F100.\nG0 X40.\nM30\n",
+        "fanuc-lathe",
+    );
+}
+
+#[test]
 fn shifts_rotations_and_inches_are_written_out() {
     same_as_its_source(
         "O2\nG20 G90 G54 T1 M6\nS900 M3\nG0 X1. Y2.\nG43 H1 Z1.\nG52 X0.5 Y0.25\nG1 X0 Y0 F10.\nG68 X0 Y0 R30.\nX1. Y0\nG3 X2. Y1. R1.\nG69\nG52 X0 Y0\nG0 Z2.\nM30\n",

@@ -51,7 +51,10 @@ const HEAD: &str = "O1\nG21 G90 G54\nT1 M6\nS500 M3\nG0 X5. Y6.\nG43 H1 Z10.\n";
 
 #[test]
 fn branches_of_macros_are_refused_and_not_decided_in_silence() {
-    refused(&format!("{HEAD}IF[#500GT2]GOTO9\nG1 Z0 F100.\nN9 M30\n"), "line 7: IF");
+    refused(
+        &format!("{HEAD}IF[#500GT2]GOTO9\nG1 Z0 F100.\nN9 M30\n"),
+        "test.nc: line 7: IF",
+    );
     refused(
         &format!("{HEAD}#1=0\nWHILE[#1LT3]DO1\nG1 X#1 F100.\n#1=#1+1\nEND1\nM30\n"),
         "line 8: WHILE",

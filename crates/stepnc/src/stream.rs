@@ -100,6 +100,8 @@ struct Run {
     variables: BTreeMap<String, f64>,
     gauge: Point<Machine>,
     frame: Option<Transform<Machine, Setup>>,
+    /// The set-up of that frame. Two may lie at one place in the file, and elsewhere at the machine.
+    setup: Option<String>,
     tool: Option<ToolNumber>,
     offset: ToolOffset,
     /// The offset of the tool in the spindle; a path may ask for another one.
@@ -292,6 +294,7 @@ impl Run {
             variables: program.initial_values().clone(),
             gauge: options.tables.position,
             frame: None,
+            setup: None,
             tool: None,
             offset: ToolOffset::NONE,
             own_offset: ToolOffset::NONE,
@@ -426,6 +429,19 @@ impl<'s> Walker<'s> {
                 "open a STEP-NC file with a project or a workplan",
             ));
         };
+        // Also where only the machine decides whether the program comes by: it is known now, and nothing has moved.
+        let mut found = None;
+        program.walk(project.main_workplan, &mut |executable, enabled| {
+            if let ExecutableKind::Assignment { variable, .. } = &executable.kind
+                && enabled
+                && is_of_the_machine(variable)
+            {
+                found.get_or_insert_with(|| writes_the_machine(executable, variable));
+            }
+        });
+        if let Some(fault) = found {
+            return Err(fault);
+        }
         self.begin(Level::Program, project.id.unwrap_or(0), &project.name, None);
         if self.run.structured {
             self.say_initial_values();
@@ -544,14 +560,8 @@ impl<'s> Walker<'s> {
                         EXPRESSION_REMEDY,
                     );
                 }
-                // Such a name is bound to a sensor or a value of the machine (`traceability_functions.md`).
-                let small = variable.to_ascii_lowercase();
-                if small.starts_with("sensor:") || small.starts_with("trace:") {
-                    return unsupported(
-                        "T-07",
-                        format!("'{}' writes {variable}, which is the machine's", executable.name),
-                        "give a variable of the program",
-                    );
+                if is_of_the_machine(variable) {
+                    return Err(writes_the_machine(executable, variable));
                 }
                 if self.run.structured {
                     let variable = variable.clone();
@@ -867,6 +877,7 @@ impl<'s> Walker<'s> {
                         kind: function.kind.clone(),
                         name: executable.name.clone(),
                         text: function.text.clone(),
+                        condition: function.condition.clone(),
                         properties,
                     }),
                 );
@@ -886,11 +897,12 @@ impl Walker<'_> {
             .get(..6)
             .is_some_and(|start| start.eq_ignore_ascii_case("trace:"));
         if ours && !self.run.structured {
+            let typed = function.condition.as_ref().and_then(|condition| condition.as_ref().ok());
             let named = self
                 .run
                 .variables
                 .iter()
-                .filter(|(name, _)| function.text.contains(name.as_str()));
+                .filter(|(name, _)| function.text.contains(name.as_str()) || typed.is_some_and(|typed| names(typed, name)));
             all.extend(named.map(|(name, value)| (format!("{}{name}", RawNcFunction::VARIABLE), value.to_string())));
         }
         all
@@ -898,6 +910,21 @@ impl Walker<'_> {
 }
 
 const EXPRESSION_REMEDY: &str = "use comparisons and arithmetic over numbers and named variables";
+
+/// Such a name is bound to a sensor or to a value of the machine (`docs/functions.md`).
+fn is_of_the_machine(variable: &str) -> bool {
+    let small = variable.trim_start().to_ascii_lowercase();
+    small.starts_with("sensor:") || small.starts_with("trace:")
+}
+
+fn writes_the_machine(executable: &Executable, variable: &str) -> Fault {
+    Fault::new(
+        executable.id,
+        "T-07",
+        format!("'{}' writes {variable}, which is the machine's", executable.name),
+        "give a variable of the program",
+    )
+}
 
 /// The expression with the variables that the program itself has given values.
 fn substitute(expression: &Expression, variables: &BTreeMap<String, f64>) -> Expression {
@@ -911,6 +938,16 @@ fn substitute(expression: &Expression, variables: &BTreeMap<String, f64>) -> Exp
         Expression::Negate(inner) => Expression::Negate(inside(inner)),
         Expression::Binary(operator, left, right) => Expression::Binary(*operator, inside(left), inside(right)),
         Expression::Number(..) | Expression::Truth(_) => expression.clone(),
+    }
+}
+
+/// True when an expression has this name in it.
+fn names(expression: &Expression, wanted: &str) -> bool {
+    match expression {
+        Expression::Name(name) => name == wanted,
+        Expression::Not(inner) | Expression::Negate(inner) => names(inner, wanted),
+        Expression::Binary(_, left, right) => names(left, wanted) || names(right, wanted),
+        Expression::Number(..) | Expression::Truth(_) => false,
     }
 }
 

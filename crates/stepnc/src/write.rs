@@ -14,6 +14,7 @@
 //! [`Written::notices`].
 
 mod curve;
+mod expression;
 mod path;
 mod sheet;
 mod tools;
@@ -311,15 +312,37 @@ impl<'o> Writer<'o> {
                 let text = BTreeMap::from([("message text", text)]);
                 self.function("message", "display message", &text);
             }
-            StepKind::Stop(StopKind::Program) => self.function("program stop", "program stop", &BTreeMap::new()),
-            StepKind::Stop(StopKind::Optional) => self.function("optional stop", "optional stop", &BTreeMap::new()),
+            StepKind::Stop(StopKind::Program) => {
+                self.function("program stop", "program stop", &BTreeMap::new());
+            }
+            StepKind::Stop(StopKind::Optional) => {
+                self.function("optional stop", "optional stop", &BTreeMap::new());
+            }
             StepKind::Register(change) => {
                 self.registers.insert(change.register.name());
             }
-            StepKind::NcFunction(RawNcFunction { kind, name, text, .. }) => {
+            StepKind::NcFunction(RawNcFunction {
+                kind,
+                name,
+                text,
+                condition,
+                ..
+            }) => {
                 let name = if name.is_empty() { kind } else { name };
                 let form = self.options.functions;
-                self.function(&name, form.kind(), &BTreeMap::from([(form.property(), text)]));
+                let id = self.function(&name, form.kind(), &BTreeMap::from([(form.property(), text)]));
+                match condition {
+                    Some(Ok(condition)) => {
+                        let representation = self.sheet.condition(&condition);
+                        self.sheet.property(id, "condition", representation);
+                    }
+                    Some(Err(why)) => {
+                        self.notices.insert(format!(
+                            "the typed condition of '{name}' cannot be read and is left out: {why}"
+                        ));
+                    }
+                    None => {}
+                }
             }
         }
         Ok(())
@@ -370,7 +393,7 @@ impl<'o> Writer<'o> {
         }
     }
 
-    fn function(&mut self, name: &str, kind: &str, properties: &BTreeMap<&str, String>) {
+    fn function(&mut self, name: &str, kind: &str, properties: &BTreeMap<&str, String>) -> u64 {
         self.close_path();
         // What stands still at a stop has to be told before it.
         let now = (self.technology(None), self.conditions(false));
@@ -391,6 +414,7 @@ impl<'o> Writer<'o> {
         }
         let base = self.base();
         self.children.push((base, id));
+        id
     }
 
     /// The set-up in force, and by how much the frame is shifted in it.

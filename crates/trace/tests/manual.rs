@@ -47,6 +47,26 @@ what is wrong and what this machine cannot give, `toolmark trace show` what was 
 of the job, everything else in its log.\n\n\
 *This page is written from the code: `UPDATE_EXPECT=1 cargo test -p trace --test manual`.*\n";
 
+const ALL_MODES: &str = "\n### Where an action in all modes lives, and what ends it\n\n\
+An action in `AUTOMATIC` belongs to its program and ends with it. One with `its_mode_scope=ALL` belongs to the machine once it is started:\n\
+it is checked in jog too, goes on when program and run are over, through reset and emergency stop, and ends by\n\n\
+- its `stop_synchronized_action`, in the program that started it;\n\
+- an operator of level 4 or stronger, by hand;\n\
+- the end of the machine's power, or of `toolmark controller`.\n\n\
+To start a program with such an action takes level 6. On a machine that `toolmark run` simulates it ends with the run, and the log says so;\n\
+in a controller it goes on, and the log of the job says that (`goes on`). There it still sets and clears alarms, with their reactions, and its\n\
+firings are counted; what it would record is recorded by nobody, because the run that would is over. Every run of the program starts one of\n\
+its own, so the next run says at its beginning what earlier ones have left there.\n\n\
+```\n\
+toolmark trace actions --machine tcp://127.0.0.1:7450\n\
+   1  id 1    all modes  since 2026-11-22 14:03:12, fired 1, of plate.nc of jo  WHEN ws_time > 3600 s\n\
+toolmark trace end 1 --machine tcp://127.0.0.1:7450 --operator NAME --reason TEXT\n\
+```\n\n\
+The list has a number for each action, which no other one gets while the controller runs, and shows those in automatic of the program under\n\
+way as well. Anybody may look, also while somebody else drives the machine. `trace end` asks the operators of the data directory: a refusal\n\
+is exit 1 and an event (`refused`), an end is two (`action-end-asked`, `action-ended`), with who, why, and how often it had fired. A run that is under way\n\
+records that its action was ended by hand, and does not take it up again. `trace end all` ends every one in all modes.\n";
+
 fn manual() -> String {
     let mut page = HEAD.to_owned();
     for (block, title) in blocks() {
@@ -85,7 +105,12 @@ fn manual() -> String {
             let _ = write!(page, "\n```\n{}\n```\n", function.example);
         }
     }
-    page.push_str("\n## Names in conditions\n\nSensors are named `component.TYPE`, as `X.LOAD`; the `<x>` of each `get_<x>` is an alias.\n\n");
+    page.push_str(ALL_MODES);
+    page.push_str("\n## Names in conditions\n\nSensors are named `component.TYPE`, as `X.LOAD`; the `<x>` of each `get_<x>` is an alias. A variable of a\n\
+         STEP-NC program has the value that it has where the action is started; a variable of G-code (`#100`) cannot stand in a condition (T-06).\n\n\
+         In STEP-NC the condition may stand beside the line as an expression (property `condition` of the function), alone or saying the same: a\n\
+         comparison turned round, another unit, an alias or a prefix make no difference, the order of other operands does. Its numbers are in the\n\
+         units of records, an alarm that is active is 1.\n\n");
     page.push_str("| value of every machine | unit | |\n|---|---|---|\n");
     for (name, _, dimension, doc) in PREDEFINED {
         let _ = writeln!(page, "| `{name}` | {} | {doc} |", dimension.symbol());
@@ -118,12 +143,12 @@ unavailable there, because the same seed has to give the same bytes.\n",
     );
     page.push_str(
         "\n## Errors\n\n| code | case | at load | at run time |\n|---|---|---|---|\n\
-| T-01 | stop without an active start | error; a warning where it was started before | event, goes on |\n\
-| T-02 | id started while active | error | start ignored, event |\n\
+| T-01 | stop without an active start of its kind | error; a warning where it was started before | event, goes on |\n\
+| T-02 | id started while active, as whatever kind of function | error | start ignored, event |\n\
 | T-03 | clear of an alarm that is not active | | event |\n\
 | T-04 | start without stop in its scope | remark | ended by its scope, reason recorded |\n\
 | T-05 | sensor that this machine has not | warning; error with `required=ON` | quality unavailable, one event an outage |\n\
-| T-06 | what makes no sense: names, units and kinds in a condition, several values for one variable, geometry that the file has not | error | event |\n\
+| T-06 | what makes no sense: names, units and kinds in a condition, a typed condition that says something else than the line, several values for one variable, geometry that the file has not | error | event |\n\
 | T-07 | a variable of the machine is written (`sensor:`, `trace:`), by a function, an action or an assignment | error | not written |\n\
 | T-08 | a function that cannot be an action | error | |\n\
 | T-09 | more conditions or firings than the cycle takes, more than 100 000 values spread evenly | error | what is only recorded goes first, counted |\n\

@@ -75,6 +75,7 @@ fn an_event_holds_what_the_program_has_put_into_its_variables() {
     let event = |values: &str| {
         let known = (format!("{}#1", RawNcFunction::VARIABLE), "4.5".to_owned());
         Say::Kind(StepKind::NcFunction(RawNcFunction {
+            condition: None,
             kind: RawNcFunction::EXTENDED.to_owned(),
             name: "log_event".to_owned(),
             text: format!("trace:1 log_event its_kind=pass its_values={values}"),

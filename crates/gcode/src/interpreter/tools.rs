@@ -199,6 +199,7 @@ impl Interpreter {
                     kind: RawNcFunction::EXTENDED.to_owned(),
                     name,
                     text,
+                    condition: None,
                     properties,
                 }),
             );

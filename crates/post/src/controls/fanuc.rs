@@ -6,7 +6,7 @@ use crate::alike;
 use crate::control::Control;
 use crate::functions::{Item, NO_SOURCE, OWN_SENSOR, Reading};
 use crate::grade::Verdict;
-use crate::macro_b::{self, statements};
+use crate::macro_b::{self, Series, statements};
 use crate::sheet::{Paper, Refusal, Sheet};
 use crate::statement::Statement;
 use plan::{Expression, PathMode};
@@ -14,6 +14,13 @@ use trace::{Call, Function};
 
 /// The control.
 pub struct Fanuc;
+
+/// Older series take alarms 0 to 200 with 26 letters.
+const SERIES: Series = Series {
+    times_verified: false,
+    largest_alarm: (200, false),
+    longest_alarm: 26,
+};
 
 const BESIDE: &str = "a recorder over FOCAS (loads and positions about every 250 ms) or MTConnect";
 
@@ -97,14 +104,9 @@ impl Control for Fanuc {
                 speed,
                 ..
             } => {
-                let words = statements::tap(*bottom, *back, *pitch, *left, *speed, sheet)?;
-                if *left && sheet.turning {
-                    return Err(Refusal::new(
-                        "thread",
-                        "a left-hand tap on a lathe",
-                        "tap it with the machine's own cycle",
-                    ));
-                }
+                // R of a lathe counts from where the tool stands, and it stands there.
+                let r = if sheet.turning { 0 } else { *back };
+                let words = statements::tap(*bottom, r, *pitch, *left, *speed, sheet)?;
                 sheet.line(&format!("M29 S{}", words.turns));
                 sheet.line(&words.cycle);
                 sheet.line("G80");
@@ -191,6 +193,6 @@ impl Control for Fanuc {
                 "edit protection is the control's (O8000 and O9000 lock bits, 8-level protection), not the program's",
             )));
         }
-        macro_b::function(function, false, self, sheet)
+        macro_b::function(function, &SERIES, self, sheet)
     }
 }

@@ -4,7 +4,7 @@ use crate::alike;
 use crate::control::Control;
 use crate::functions::{Item, NO_SOURCE, OWN_SENSOR, Reading};
 use crate::grade::Verdict;
-use crate::macro_b::{self, statements};
+use crate::macro_b::{self, Series, statements};
 use crate::sheet::{Paper, Refusal, Sheet};
 use crate::statement::Statement;
 use plan::{Expression, PathMode};
@@ -12,6 +12,12 @@ use trace::{Call, Function};
 
 /// The control.
 pub struct Haas;
+
+const SERIES: Series = Series {
+    times_verified: true,
+    largest_alarm: (999, true),
+    longest_alarm: 31,
+};
 
 const BESIDE: &str = "a recorder over MTConnect or the machine data port";
 
@@ -195,6 +201,6 @@ impl Control for Haas {
                 "edit protection is the control's (settings 7 and 8, memory lock), not the program's",
             )));
         }
-        macro_b::function(function, true, self, sheet)
+        macro_b::function(function, &SERIES, self, sheet)
     }
 }

@@ -427,7 +427,10 @@ impl Control for Heidenhain {
                 sheet.line("STOP");
                 Some(Verdict::between_blocks(
                     log,
-                    "a line of the log, then the program waits for NC start at this block",
+                    format!(
+                        "a line of the log, then the program waits for NC start at this block{}",
+                        alike::not_at_the_end(alarm.reaction)
+                    ),
                 ))
             }
             Call::DisplayMessage { .. } => Some(Verdict::refused(

@@ -66,8 +66,8 @@ impl Control for LinuxCnc {
             // LINELEN is 255 with the end of the line.
             longest: 250,
             longest_comment: 120,
-            // Never an active comment (`(MSG,...)`), whatever the text begins with.
-            comment: ("( ", ")"),
+            // Never an active comment, whatever the text begins with: `(ABORT,x)` is obeyed with blanks before it too.
+            comment: ("(- ", ")"),
             letters: Letters {
                 capitals: false,
                 instead: &[('(', "["), (')', "]"), ('%', " percent"), (';', ","), ('#', "no.")],
@@ -135,6 +135,7 @@ impl Control for LinuxCnc {
             }
             Statement::Tool { number, .. } => {
                 sheet.modal.tool = Some(*number);
+                sheet.modal.motion = None;
                 sheet.modal.length = None;
                 sheet.line(&format!("T{number} M6"));
             }

@@ -97,6 +97,9 @@ impl Control for Siemens840d {
                     sheet.verify("the log is the file TM_LOG in the part programs; its size is bounded by MD11420");
                 }
                 alike::rely_on("G18 G40 G71 G90 G97 DIAMON", "G17 G40 G71 G90 G94", sheet);
+                if !sheet.turning {
+                    sheet.modal.length = Some("D0".to_owned());
+                }
                 Ok(())
             }
             Statement::End => {
@@ -113,6 +116,7 @@ impl Control for Siemens840d {
                 line, lead, axis, start, ..
             } => {
                 let mut words = vec!["G33".to_owned()];
+                words.extend(sheet.modal.length.take());
                 words.extend(iso::axis_words(line.words, sheet));
                 words.push(format!("{}{}", ["I", "J", "K"][*axis], sheet.number(*lead, NUMBERS)?));
                 if let Some(angle) = start.filter(|angle| *angle != 0.0) {
@@ -133,6 +137,9 @@ impl Control for Siemens840d {
                 let lengths = sheet.paper().lengths;
                 let turns = iso::speed(*speed, sheet)?;
                 let pitch = sheet.number(if *left { -*pitch } else { *pitch }, NUMBERS)?;
+                if let Some(length) = sheet.modal.length.take() {
+                    sheet.line(&length);
+                }
                 sheet.line("SPOS=0");
                 sheet.line(&format!("G331 Z{} K{pitch} S{turns}", lengths.spell(*bottom)));
                 sheet.line(&format!("G332 Z{} K{pitch} S{turns}", lengths.spell(*back)));
@@ -155,21 +162,26 @@ impl Control for Siemens840d {
             }
             Statement::Tool { number, .. } => {
                 sheet.modal.tool = Some(*number);
+                sheet.modal.motion = None;
                 sheet.modal.length_on = false;
                 sheet.line(&format!("T{number}"));
                 if !sheet.turning {
                     sheet.line("M6");
                 }
+                // D1 comes into force with the tool (MD20270): where the program does not ask for it, it is taken out again.
+                sheet.modal.length = Some("D0".to_owned());
                 Ok(())
             }
             Statement::Offset { number: 0, .. } => {
                 sheet.modal.length_on = false;
+                sheet.modal.length = None;
                 sheet.line("D0");
                 Ok(())
             }
             Statement::Offset { number, negative } => {
                 alike::own_offset(*number, *negative, "D numbers", sheet)?;
                 sheet.modal.length_on = true;
+                sheet.modal.length = None;
                 sheet.line("D1");
                 Ok(())
             }
@@ -333,8 +345,15 @@ impl Control for Siemens840d {
             "AMPERAGE" | "AMPERAGE_AC" | "AMPERAGE_DC" if machine => value(format!("$AA_CURR[{component}]"), true, true, 1.0),
             "WATTAGE" if machine => value(format!("$AA_POWER[{component}]"), true, true, 1.0),
             "TORQUE" if machine => value(format!("$AA_TORQUE[{component}]"), true, true, 1.0),
-            // Which analog input a sensor is wired to is the machine's.
-            "LINEAR_FORCE" => value("$A_INA[1]".into(), false, true, 1.0),
+            // Which analog input a sensor is wired to is the machine's; no two of them are on one.
+            "LINEAR_FORCE" => {
+                let input = match component {
+                    "Y" => 6,
+                    "Z" => 7,
+                    _ => 1,
+                };
+                value(format!("$A_INA[{input}]"), false, true, 1.0)
+            }
             "PRESSURE" => value("$A_INA[2]".into(), false, true, 1.0),
             "FILL_LEVEL" => value("$A_INA[3]".into(), false, true, 1.0),
             "TEMPERATURE" if component == "COOLANT" => value("$A_INA[4]".into(), false, true, 1.0),

@@ -31,6 +31,10 @@ impl Posting<'_, '_> {
                 Ok(())
             }
             Level::Workingstep => {
+                // G-code has no paths whose ends are looked at.
+                if self.moves > 0 {
+                    self.check_between_blocks()?;
+                }
                 let timers = self.before.as_ref().map(|known| known.timers).unwrap_or_default();
                 if timers[0]
                     && let Reading::Value(source) = self.control.reading("trace:ws_time", self.options.turning)
@@ -53,11 +57,20 @@ impl Posting<'_, '_> {
     /// A recording ends with the workplan that its start stands in.
     pub(super) fn workplan_ends(&mut self) -> Result<(), Refusal> {
         let open = self.workplans();
+        self.tracing.ways.workplan_ends(open);
         let ends = |found: &(Function, usize)| found.1 > open && matches!(found.0.call, Call::StartSensorRecording(_));
         let native = self.tracing.native.iter().filter(|(_, found)| ends(found));
         let ids: Vec<String> = native.map(|(id, _)| id.clone()).collect();
         for id in ids {
             self.stop_by_itself(&id, "WORKPLAN")?;
+        }
+        if self
+            .tracing
+            .checks
+            .values()
+            .any(|check| matches!(check, Check::Poll { workplans, .. } if *workplans > open))
+        {
+            self.check_between_blocks()?;
         }
         self.tracing
             .checks
@@ -71,6 +84,7 @@ impl Posting<'_, '_> {
         for id in ids {
             self.stop_by_itself(&id, "PROGRAM")?;
         }
+        self.check_between_blocks()?;
         self.tracing.checks.clear();
         Ok(())
     }

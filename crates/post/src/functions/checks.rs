@@ -128,6 +128,7 @@ impl Posting<'_, '_> {
 
     /// Looks at everything that is looked at between blocks.
     pub(crate) fn check_between_blocks(&mut self) -> Result<(), Refusal> {
+        self.moves = 0;
         let ids: Vec<String> = self.tracing.checks.keys().cloned().collect();
         ids.iter().try_for_each(|id| self.check_now(id))
     }
@@ -215,10 +216,12 @@ impl Posting<'_, '_> {
         Ok(())
     }
 
-    pub(super) fn stopped(&mut self, id: &str) -> Verdict {
-        match self.tracing.checks.remove(&key(id)) {
+    /// It ends, and is looked at once more before: the last time may be many moves ago.
+    pub(super) fn stopped(&mut self, id: &str) -> Result<Verdict, Refusal> {
+        self.check_now(&key(id))?;
+        Ok(match self.tracing.checks.remove(&key(id)) {
             Some(_) => Verdict::between_blocks(true, "it is looked at no more"),
             None => Verdict::external("as its start"),
-        }
+        })
     }
 }

@@ -90,22 +90,29 @@ pub fn rely_on(sheet: &mut Sheet<'_>) {
 
 /// Tapping: the two levels, the feed of a revolution, and the speed.
 pub struct TapWords {
-    /// `G95 G99 G84 Z-10. R2. F1.5`
+    /// `G95 G99 G84 Z-10. R2. F1.5`; on a lathe `G99 G84 Z-10. R0. F1.5`
     pub cycle: String,
     /// `800`
     pub turns: String,
 }
 
-/// The words of tapping, and the modes that it leaves behind forgotten.
+/// The words of tapping, and the modes that it leaves behind forgotten. `r` is where the tool comes out, as the control counts it.
 ///
 /// # Errors
-/// A number that the control cannot read.
-pub fn tap(bottom: i64, back: i64, pitch: f64, left: bool, speed: f64, sheet: &mut Sheet<'_>) -> Result<TapWords, Refusal> {
+/// A number that the control cannot read, or a left-hand thread on a lathe, where G74 is another cycle.
+pub fn tap(bottom: i64, r: i64, pitch: f64, left: bool, speed: f64, sheet: &mut Sheet<'_>) -> Result<TapWords, Refusal> {
+    if left && sheet.turning {
+        return Err(Refusal::new(
+            "thread",
+            "a left-hand tap on a lathe",
+            "tap it with the machine's own cycle",
+        ));
+    }
     let turns = iso::speed(speed, sheet)?;
     let feed = sheet.number(pitch, PAPER.feeds[1])?;
     let code = if left { "G74" } else { "G84" };
     let level = if sheet.turning { "" } else { "G99 " };
-    let (mode, down, up) = (codes(sheet).per_revolution, LENGTHS.spell(bottom), LENGTHS.spell(back));
+    let (mode, down, up) = (codes(sheet).per_revolution, LENGTHS.spell(bottom), LENGTHS.spell(r));
     let cycle = format!("{mode} {level}{code} Z{down} R{up} F{feed}");
     Ok(TapWords { cycle, turns })
 }
@@ -147,6 +154,8 @@ pub fn write(statement: &Statement<'_>, control: &dyn Control, sheet: &mut Sheet
         }
         Statement::Tool { number, .. } => {
             sheet.modal.tool = Some(*number);
+            // What the macro behind a tool change leaves in force is the machine builder's.
+            sheet.modal.motion = None;
             sheet.modal.length = None;
             if sheet.turning {
                 // The station comes with its offset; without one it is turned in alone.

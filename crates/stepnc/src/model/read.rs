@@ -525,6 +525,9 @@ fn function(aim: Aim, description: &str, links: &Links) -> Function {
     let mut function = Function {
         kind: description.to_string(),
         text: String::new(),
+        condition: links
+            .property("condition")
+            .map(|_| expression::of_property(aim, links, "condition")),
         properties: BTreeMap::new(),
     };
     for (name, representation, _) in &links.properties {
@@ -541,7 +544,7 @@ fn function(aim: Aim, description: &str, links: &Links) -> Function {
         match name.as_str() {
             // The mapping table says 'description', the local rule of the AIM 'function text': files have either.
             "message text" | "description" | "function text" => function.text = aim.description(item).unwrap_or_default(),
-            "enabled" | "toolpath orientation" | "security plane" => {}
+            "condition" | "enabled" | "toolpath orientation" | "security plane" => {}
             _ => {
                 function.properties.insert(name.clone(), value);
             }

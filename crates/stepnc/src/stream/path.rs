@@ -52,11 +52,13 @@ impl Walker<'_> {
             .and_then(|id| program.technology(id));
         let tool = program.tool_of(operation.id);
         let (frame, found) = self.frame()?;
-        if self.run.frame != Some(frame.machine_from_setup) {
+        let another = self.another_setup(id, &frame.name);
+        if another || self.run.frame != Some(frame.machine_from_setup) {
             if let Some((severity, fault)) = found {
                 program.note(&mut self.run.diagnostics, severity, &fault);
             }
             self.run.frame = Some(frame.machine_from_setup);
+            self.run.setup = Some(frame.name.clone());
             self.say(id, StepKind::Frame(frame.clone()));
         }
         if let Some(technology) = technology {
@@ -108,6 +110,7 @@ impl Walker<'_> {
                 kind: "other functions".into(),
                 name: toolpath.name.clone(),
                 text: String::new(),
+                condition: None,
                 properties,
             })
         });

@@ -54,6 +54,7 @@ impl StructuredProgram for StructuredStream {
 pub(super) struct State {
     gauge: Point<Machine>,
     frame: Option<Transform<Machine, Setup>>,
+    setup: Option<String>,
     tool: Option<ToolNumber>,
     offset: ToolOffset,
     own_offset: ToolOffset,
@@ -159,6 +160,18 @@ impl Walker<'_> {
         }
     }
 
+    /// Another set-up is another clamping: how it lies to the one before, the file says and the machine does not know. The tool goes there
+    /// from out of the way. True when the set-up is to be said.
+    pub(super) fn another_setup(&mut self, id: u64, name: &str) -> bool {
+        if !self.run.structured || self.run.setup.as_deref() == Some(name) {
+            return false;
+        }
+        if self.run.setup.is_some() {
+            self.lift(id);
+        }
+        true
+    }
+
     /// From out of the way to where a path begins: across, and in. Both pieces are always said.
     pub(super) fn come_down(&mut self, id: u64, start: Point<Setup>, retract_axis: usize) {
         let mut above = start;
@@ -184,6 +197,7 @@ impl Walker<'_> {
         State {
             gauge: run.gauge,
             frame: run.frame,
+            setup: run.setup.clone(),
             tool: run.tool,
             offset: run.offset,
             own_offset: run.own_offset,
@@ -198,7 +212,7 @@ impl Walker<'_> {
     fn restore(&mut self, state: State) {
         let run = &mut *self.run;
         run.gauge = state.gauge;
-        run.frame = state.frame;
+        (run.frame, run.setup) = (state.frame, state.setup);
         run.tool = state.tool;
         (run.offset, run.own_offset) = (state.offset, state.own_offset);
         (run.spindle, run.coolant, run.path_mode) = (state.spindle, state.coolant, state.path_mode);
@@ -211,8 +225,8 @@ impl Walker<'_> {
         if run.place != other.place || (run.place == TipPlace::Known && run.gauge != other.gauge) {
             run.place = TipPlace::Anywhere;
         }
-        if run.frame != other.frame {
-            run.frame = None;
+        if run.frame != other.frame || run.setup != other.setup {
+            (run.frame, run.setup) = (None, None);
             run.place = TipPlace::Anywhere;
         }
         if run.tool != other.tool {

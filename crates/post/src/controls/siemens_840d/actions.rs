@@ -8,6 +8,10 @@ use trace::sensor::{Meaning, meaning};
 /// FIFO variables there are.
 const FIFOS: u32 = 10;
 
+/// How many there are is set by the machine builder, and few or none by default.
+const KEPT: &str = "actions and recordings keep values in $AC_MARKER (MD28256), $AC_PARAM (MD28254) and $AC_TIMER (MD28258): let there be \
+                    as many as the program uses";
+
 /// The next marker that nothing uses.
 fn marker(sheet: &mut Sheet<'_>) -> u32 {
     let all = sheet.notes.entry("markers".to_owned()).or_default();
@@ -100,6 +104,9 @@ pub(super) fn start_recording(recording: &Recording, control: &dyn Control, shee
         }
         _ => {}
     }
+    if factor != Some(1) {
+        sheet.notice(KEPT);
+    }
     let id = recording.id.0.to_ascii_lowercase();
     sheet.notes.insert(format!("recording ids {id}"), ids);
     sheet.notes.insert(format!("recording fifos {id}"), free);
@@ -141,7 +148,7 @@ pub(super) fn stop_recording(id: &str, sheet: &mut Sheet<'_>) -> Option<Verdict>
     sheet.line("ENDWHILE");
     Some(Verdict::native(
         false,
-        "taken out of the servo cycle, then written to the log",
+        "taken out of the servo cycle, then written to the log; the motion waits for it",
     ))
 }
 
@@ -214,7 +221,8 @@ pub(super) fn start_action(
     words.push(format!("$AC_MARKER[{marker}]=1"));
     words.extend(alarms);
     let number = match action.id.0.parse::<u32>() {
-        Ok(number) if (1..=99).contains(&number) => number,
+        // `07` is another id than `7`.
+        Ok(number) if (1..=99).contains(&number) && number.to_string() == action.id.0 => number,
         _ => {
             let others = sheet.notes.entry("actions".to_owned()).or_default();
             others.push(0);
@@ -235,17 +243,22 @@ pub(super) fn start_action(
     let condition = condition.map(|text| format!("{text} ")).unwrap_or_default();
     sheet.line(&format!("$AC_MARKER[{marker}]=0"));
     sheet.line(&format!("{scope}={number} {frequency}{condition}DO {}", words.join(" ")));
+    sheet.notice(KEPT);
     sheet.notes.insert("parameters".to_owned(), vec![next]);
     let id = action.id.0.to_ascii_lowercase();
     sheet.notes.insert(format!("action {id}"), vec![number, marker]);
     sheet
         .notes
         .insert(format!("action parameters {id}"), kept.iter().map(|(_, n)| *n).collect());
+    let logs = !events.is_empty();
     let texts: Vec<String> = kept.iter().map(|(name, _)| name.clone()).chain(events).collect();
     sheet.texts.insert(format!("action {id}"), texts);
     let mut reason = "in the servo cycle".to_owned();
     if !kept.is_empty() {
         reason += "; values of the last firing are kept and written out at its stop";
+    }
+    if logs {
+        reason += "; what it logs is written once, at its stop";
     }
     if action.all_modes {
         reason += "; in all modes, to its stop or power-off";
@@ -297,7 +310,7 @@ fn in_action(condition: &Expression, control: &dyn Control, sheet: &mut Sheet<'_
                     .map_or("", |(_, word)| *word);
                 Ok((format!("{}{word}{}", first.0, second.0), first.1 && second.1))
             }
-            (Seen::Before, Seen::InCycle) => {
+            (Seen::Before | Seen::Number, Seen::InCycle) => {
                 let turned = match operator {
                     Operator::Less => Operator::Greater,
                     Operator::LessOrEqual => Operator::GreaterOrEqual,
@@ -367,6 +380,6 @@ pub(super) fn stop_action(id: &str, sheet: &mut Sheet<'_>) -> Option<Verdict> {
     sheet.line("ENDIF");
     Some(Verdict::native(
         false,
-        "taken out of the servo cycle; what it kept is written to the log",
+        "taken out of the servo cycle; what it kept is written to the log; the motion waits for it",
     ))
 }
