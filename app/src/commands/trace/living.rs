@@ -328,7 +328,7 @@ mod tests {
         }
     }
 
-    const LINE: &str = "start_synchronized_action its_id=over its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 80 %\" \
+    const LINE: &str = "trace:1 start_synchronized_action its_id=over its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 80 %\" \
                         its_actions=\"set_alarm its_alarm_id=1 its_text=load\"";
 
     #[test]
@@ -342,7 +342,7 @@ mod tests {
         assert_eq!(clock::parse(&living.since), clock::parse("2026-11-22T12:00:05Z"));
         assert_eq!(living.condition.as_deref(), Some("X.LOAD > 80 %"));
         assert_eq!(living.actions.len(), 1);
-        let cut = Living::of(&lived(8, true, "start_synchronized_action its_id=ov ..."), 0, now);
+        let cut = Living::of(&lived(8, true, "trace:1 start_synchronized_action its_id=ov ..."), 0, now);
         assert_eq!((cut.id, cut.condition, cut.for_s), (None, None, 0.0));
     }
 
