@@ -16,6 +16,7 @@ use crate::progress::Progress;
 use crate::report::recorded::{self, Recorded};
 use crate::report::{self, Page};
 use crate::survey::minutes;
+use crate::taking_up::Answers;
 use crate::{clock, files, recording, shop};
 use asrun::{PlanOptions, PlannedProgram, Rebuild, RecordFrame, RecordPoint, Recording};
 use cell::link::Load;
@@ -258,7 +259,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
             (&written_now, job.tables())
         }
     };
-    let mut rebuild = rebuild(order, (program, &tables), &record_read, &outcome)?;
+    let mut rebuild = rebuild(order, (program, &tables), (&record_read, &events), &outcome)?;
     functions::results(&events, &mut rebuild.executed);
     let printed = Printed::of(&events);
     let recorded = values_file.map_or_else(|| Ok(vec![]), |file| recorded::read(&file))?;
@@ -589,7 +590,7 @@ impl RecordSink for RunRows<'_> {
 fn rebuild(
     order: &Order<'_>,
     (program, tables): (&Program, &Tables),
-    record: &Recording,
+    (record, events): (&Recording, &[Event]),
     outcome: &Outcome,
 ) -> Result<Rebuild, Failure> {
     let mut stream = program.stream(tables)?;
@@ -601,7 +602,11 @@ fn rebuild(
         rapid: shop::limits(order.machine).v_max,
         ..PlanOptions::default()
     };
-    let plan = PlannedProgram::read(&mut *stream, &program.name, &options, &mut crate::survey::beforehand);
+    // Where the machine decided the program's way, the run is held against the way that it took.
+    let mut answers = Answers::of_events(events);
+    let plan = PlannedProgram::read(&mut *stream, &program.name, &options, &mut |question| {
+        answers.answer(question)
+    });
     let options = asrun::Options {
         name: "run 1".to_owned(),
         tolerance: order.tolerance,

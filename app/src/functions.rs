@@ -418,12 +418,12 @@ fn gather(data: &Map<String, Value>, found: &mut Vec<(String, f64, String, Strin
     let function = text(data, "function");
     for one in data.get("values").and_then(Value::as_array).into_iter().flatten() {
         if let (Some(members), Some(value)) = (one.as_object(), one.get("value").and_then(Value::as_f64)) {
-            found.push((
-                text(members, "stream"),
-                value,
-                text(members, "unit"),
-                text(members, "quality"),
-            ));
+            let mut quality = text(members, "quality");
+            // As the rows of recordings say it: worked out, of what is simulated.
+            if members.get("derived") == Some(&Value::Bool(true)) && quality != "derived" {
+                quality.push_str(", derived");
+            }
+            found.push((text(members, "stream"), value, text(members, "unit"), quality));
         }
     }
     for (key, unit) in [("duration_s", "SECOND"), ("since_program_began_ms", "MILLISECOND")] {
@@ -443,6 +443,24 @@ fn gather(data: &Map<String, Value>, found: &mut Vec<(String, f64, String, Strin
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_result_on_the_twin_says_that_it_is_derived() {
+        let one = |derived: bool| {
+            json!({ "function": "get_feedrate", "values": [
+                { "stream": "PATH.PATH_FEEDRATE.ACTUAL", "value": 2.5, "unit": "MILLIMETER/SECOND", "quality": "simulated", "derived": derived }
+            ] })
+        };
+        let quality = |derived: bool| {
+            let mut found = Vec::new();
+            gather(&object(one(derived)), &mut found);
+            found.into_iter().map(|(.., quality)| quality).collect::<Vec<_>>()
+        };
+        assert_eq!(
+            (quality(true), quality(false)),
+            (vec!["simulated, derived".to_owned()], vec!["simulated".to_owned()])
+        );
+    }
 
     #[test]
     fn the_record_of_a_machine_holds_its_nameplate_offsets_and_clock() {

@@ -155,11 +155,12 @@ pub fn survey_on(
     found
 }
 
-/// What can be answered without a machine: the optional-stop switch is off.
+/// What can be answered without a machine: the optional-stop switch is off. What only the machine knows is assumed by the program.
 pub fn beforehand(question: &Question) -> Answer {
     match question {
         Question::OptionalStop => Answer::Truth(false),
-        Question::Condition(_) | Question::Number(_) | Question::Skip { .. } => Answer::Unknown,
+        Question::Condition(_) | Question::Number(_) => Answer::NotAsked,
+        Question::Skip { .. } => Answer::Unknown,
     }
 }
 

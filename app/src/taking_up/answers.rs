@@ -55,6 +55,14 @@ impl Answers {
         })
     }
 
+    /// The answers among the events of one run.
+    pub fn of_events(events: &[Event]) -> Answers {
+        let questions = events.iter().filter(|event| event.kind == "question");
+        Answers {
+            of_the_run: questions.map(|event| event.detail.get("answer").cloned()).collect(),
+        }
+    }
+
     /// The next one.
     pub fn answer(&mut self, question: &Question) -> Answer {
         let Some(told) = self.of_the_run.pop_front() else {

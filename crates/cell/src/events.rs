@@ -173,6 +173,7 @@ pub(crate) fn of_question(question: &Question, answer: Answer) -> Detail {
         Answer::Truth(truth) => json!(truth),
         Answer::Place(place) => json!(place.map(|p| p.xyz)),
         Answer::Unknown => json!("unknown"),
+        Answer::NotAsked => json!("not asked"),
     };
     detail(json!({ "question": asked, "answer": answered }))
 }

@@ -21,17 +21,23 @@ impl Interpreter {
     /// A function is told: what it writes is not known here any more.
     pub(crate) fn await_written(&mut self, line: &str, origin: Origin) {
         for variable in written(line) {
-            let Some(number) = number_of(&variable.name) else { continue };
-            if !self.memory.has(number) {
-                let found = Diagnostic::error("T-06", format!("a function writes #{number}, which is no plain variable"))
-                    .in_file(self.file.clone())
-                    .remedy("let it write #100-#199 or #500-#999, and copy from there");
+            // Another name is one of the record's own, which log_event tells.
+            if !variable.name.starts_with('#') {
+                continue;
+            }
+            let Some(number) = number_of(&variable.name).filter(|number| self.memory.has(*number)) else {
+                let found = Diagnostic::error(
+                    "T-06",
+                    format!("a function writes {}, which is no plain variable", variable.name),
+                )
+                .in_file(self.file.clone())
+                .remedy("let it write #100-#199 or #500-#999, and copy from there");
                 self.remarks.add(match origin.place {
                     Place::Text { line, .. } => found.at_line(line, 1),
                     _ => found,
                 });
                 continue;
-            }
+            };
             self.await_no_more(number);
             self.awaited.push(Awaited {
                 number,

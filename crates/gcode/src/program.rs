@@ -323,7 +323,7 @@ impl GcodeProgram {
                 self.interpreter.answer(name, value);
                 None
             }
-            (Question::Number(name), Answer::Unknown) => {
+            (Question::Number(name), Answer::Unknown | Answer::NotAsked) => {
                 let (value, assumed) = self.interpreter.own_count(name);
                 self.interpreter.answer(name, value);
                 let (severity, code) = match assumed {

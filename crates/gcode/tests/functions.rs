@@ -248,10 +248,10 @@ fn a_function_that_names_variables_is_told_with_their_present_values() {
 
 #[test]
 fn a_function_that_writes_a_system_variable_is_refused() {
-    check(
-        "fanuc-mill",
-        "O1\nG21 G54\n(trace:1 get_feedrate its_variable=#5041)\nM30",
-        &["3 extended function: trace:1 get_feedrate its_variable=#5041"],
-        &["T-06 3:1"],
-    );
+    for variable in ["#5041", "#0", "#<_size>", "#99999999999"] {
+        let function = format!("trace:1 get_feedrate its_variable={variable}");
+        let text = format!("O1\nG21 G54\n({function})\nM30");
+        let told = format!("3 extended function: {function}");
+        check("fanuc-mill", &text, &[&told], &["T-06 3:1"]);
+    }
 }

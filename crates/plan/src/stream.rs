@@ -51,6 +51,8 @@ pub enum Answer {
     Truth(bool),
     /// A place of the tip; `None` when what was asked for did not happen.
     Place(Option<Point<Setup>>),
+    /// There is no machine yet: a look at a program before it runs. What depends on the answer is assumed, and the program says so.
+    NotAsked,
     /// The machine does not know that: the program alarms, or goes on with its own count and says so.
     Unknown,
 }

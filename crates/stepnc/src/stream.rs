@@ -745,6 +745,14 @@ impl<'s> Walker<'s> {
         }
         let truth = match answer {
             Some(Answer::Truth(truth)) => truth,
+            Some(Answer::NotAsked) if question != Question::OptionalStop => {
+                self.assume(
+                    entity,
+                    "answer-assumed",
+                    "the condition is decided by the machine: here it is taken as not fulfilled",
+                );
+                false
+            }
             None => {
                 self.run.pending = Some(pending);
                 return Ok(Some(question));
@@ -780,10 +788,24 @@ impl<'s> Walker<'s> {
         Ok(None)
     }
 
+    /// Says what is assumed where no machine was asked.
+    fn assume(&mut self, id: u64, code: &'static str, what: &str) {
+        let fault = Fault::new(id, code, what, "look at what the program does for other values");
+        self.program.note(&mut self.run.diagnostics, Severity::Warning, &fault);
+    }
+
     fn answered_number(&mut self, id: u64, asked: &str, value: &Expression, answer: Answer) -> Outcome {
         let program = self.program;
         let number = match answer {
             Answer::Number(Some(number)) if number.is_finite() => number,
+            Answer::NotAsked => {
+                self.assume(
+                    id,
+                    "value-assumed",
+                    &format!("the value of '{asked}' is the machine's: here it is taken as 0"),
+                );
+                0.0
+            }
             _ => {
                 return Err(Fault::new(
                     id,

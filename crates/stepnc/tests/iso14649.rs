@@ -302,3 +302,23 @@ fn what_a_function_writes_is_the_machines_until_the_program_assigns_it_again() {
         5 #121 Message("slow")"#]]
     .assert_eq(&shown.join("\n"));
 }
+
+#[test]
+fn where_no_machine_is_asked_conditions_are_taken_as_not_fulfilled_and_that_is_said() {
+    let program = read(&explicit(
+        "#102,#103,#104",
+        "#102=IF_STATEMENT('long?',#105,#120,#121);\n#105=COMPARISON_GREATER(#110,#111);\n#110=NC_VARIABLE('trace:prog_time',$);\n\
+         #111=NC_CONSTANT('TWO',2.);\n#103=WHILE_STATEMENT('wait',#105,#120);\n\
+         #104=ASSIGNMENT('copy',#112,#110);\n#112=NC_VARIABLE('COPY',$);\n\
+         #120=DISPLAY_MESSAGE('long','long');\n#121=DISPLAY_MESSAGE('short','short');",
+    ));
+    let text = steps(program, StreamOptions::default(), 100, |_| Answer::NotAsked);
+    let shown: Vec<&str> = text
+        .lines()
+        .filter(|line| ["Message", "assumed", "taken as"].iter().any(|word| line.contains(word)))
+        .collect();
+    expect![[r#"
+        3 #121 Message("short")
+        warning: own.stp:40:1: #102: the condition is decided by the machine: here it is taken as not fulfilled (2 times); look at what the program does for other values
+        warning: own.stp:45:1: #104: the value of 'trace:prog_time' is the machine's: here it is taken as 0; look at what the program does for other values"#]].assert_eq(&shown.join("\n"));
+}

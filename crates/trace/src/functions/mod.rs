@@ -237,7 +237,7 @@ const SINGLE: &[Key] = &[
     key(
         "its_variable",
         Kind::Text,
-        "NC variable that gets the value; without it the value is recorded only",
+        "NC variable that gets the value, in the unit of records whatever the program's; without it the value is recorded only",
     ),
     key(
         "its_log",
@@ -287,7 +287,7 @@ const MOTOR: &[Key] = &[
 const FRAME: &[Key] = &[key(
     "frame",
     Kind::Word(&["machine", "work", "tool_tip"]),
-    "machine: the gauge point as the axes show it (default); work: the tool's tip as the program says it; tool_tip: the tip in the machine's frame",
+    "machine: the gauge point as the axes show it (default); work: the tool's tip in the program's frame; tool_tip: the tip in the machine's frame. All in mm, X of a lathe as a radius",
 )];
 const ENCODER: &[Key] = &[key(
     "its_encoder",
