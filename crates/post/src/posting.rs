@@ -427,10 +427,13 @@ impl<'c, 's> Posting<'c, 's> {
             }
             StepKind::Stop(kind) => self.write(&Statement::Stop(*kind)),
             StepKind::Register(change) => {
-                if let (plan::Register::WorkOffset { name, axis }, Some(after)) = (&change.register, change.after)
-                    && let Some(base) = self.bases.get_mut(name)
-                {
-                    base[*axis] = after;
+                if let (plan::Register::WorkOffset { name, axis }, Some(after)) = (&change.register, change.after) {
+                    if let Some(base) = self.bases.get_mut(name) {
+                        base[*axis] = after;
+                    }
+                    if work_number(name).is_none_or(|number| self.work == Some(number)) {
+                        self.at[*axis] = None; // the tool stands, and its coordinate is another
+                    }
                 }
                 self.write(&Statement::Register(change))
             }
