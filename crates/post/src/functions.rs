@@ -118,7 +118,7 @@ pub(crate) struct Tracing {
     native: BTreeMap<String, (Function, usize)>,
     /// Recordings along the present path.
     along_path: Vec<String>,
-    /// How many levels were open where something that ends with its workplan began.
+    /// How many checks were begun.
     counted: u32,
     /// What begins and ends on which way of a branch.
     pub(crate) ways: ways::Ways,
@@ -129,12 +129,23 @@ pub(crate) struct Tracing {
 enum Check {
     Poll {
         values: Vec<(Sensor, Source)>,
+        /// How many were open where it began: it ends with the innermost.
         workplans: usize,
+        number: u32,
     },
     Action {
         action: SynchronizedAction,
         number: u32,
     },
+}
+
+impl Check {
+    /// They are looked at in the order of their starts.
+    fn number(&self) -> u32 {
+        match self {
+            Check::Poll { number, .. } | Check::Action { number, .. } => *number,
+        }
+    }
 }
 
 impl Posting<'_, '_> {

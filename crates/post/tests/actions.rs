@@ -113,3 +113,16 @@ fn what_waits_at_once_does_not_say_that_it_waits_for_the_operation() {
         );
     }
 }
+
+#[test]
+fn checks_are_looked_at_in_the_order_of_their_starts() {
+    let start = |id: &str| {
+        format!("trace:1 start_synchronized_action its_id={id} its_mode_scope=AUTOMATIC its_actions=\"log_event its_kind={id}\"")
+    };
+    let (_, text) = posted("haas", &[&start("B"), &start("A")]);
+    let events: Vec<&str> = text
+        .lines()
+        .filter_map(|line| line.strip_prefix("DPRNT[EVENT*")?.get(..1))
+        .collect();
+    assert_eq!(events, ["B", "A", "B", "A"], "{text}");
+}

@@ -23,10 +23,13 @@ impl Posting<'_, '_> {
             }
         }
         let verified = values.iter().all(|(_, source)| source.verified);
-        let workplans = self.workplans();
-        self.tracing
-            .checks
-            .insert(key(&recording.id.0), Check::Poll { values, workplans });
+        self.tracing.counted += 1;
+        let check = Check::Poll {
+            values,
+            workplans: self.workplans(),
+            number: self.tracing.counted,
+        };
+        self.tracing.checks.insert(key(&recording.id.0), check);
         self.found.logs = true;
         self.check_now(&key(&recording.id.0))?;
         Ok(Verdict::between_blocks(
@@ -129,8 +132,14 @@ impl Posting<'_, '_> {
     /// Looks at everything that is looked at between blocks.
     pub(crate) fn check_between_blocks(&mut self) -> Result<(), Refusal> {
         self.moves = 0;
-        let ids: Vec<String> = self.tracing.checks.keys().cloned().collect();
-        ids.iter().try_for_each(|id| self.check_now(id))
+        let mut checks: Vec<(u32, String)> = self
+            .tracing
+            .checks
+            .iter()
+            .map(|(id, check)| (check.number(), id.clone()))
+            .collect();
+        checks.sort();
+        checks.iter().try_for_each(|(_, id)| self.check_now(id))
     }
 
     pub(super) fn check_now(&mut self, id: &str) -> Result<(), Refusal> {
