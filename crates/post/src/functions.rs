@@ -113,8 +113,9 @@ pub fn of_a_frame(frame: CoordinateFrame) -> String {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tracing {
     tool_logging: BTreeSet<String>,
+    /// By kind and id, as [`ways::span`] has them.
     checks: BTreeMap<String, Check>,
-    /// Recordings and actions that the control itself does, by id, with the number of workplans that were open at their start.
+    /// Recordings and actions that the control itself does, by kind and id, with the number of workplans that were open at their start.
     native: BTreeMap<String, (Function, usize)>,
     /// Recordings along the present path.
     along_path: Vec<String>,
@@ -324,7 +325,7 @@ impl Posting<'_, '_> {
                 )))
             }
             Call::StartSensorRecording(recording) => self.poll(recording, recorder),
-            Call::StopSensorRecording { id } | Call::StopSynchronizedAction { id } => self.stopped(&id.0),
+            Call::StopSensorRecording { .. } | Call::StopSynchronizedAction { .. } => self.stopped(&function.call),
             Call::StartSynchronizedAction(action) => self.check(action),
             Call::SetAlarm(_) | Call::GetTime { .. } | Call::SetEditAccessLevel { .. } | Call::DisplayMessage { .. } => {
                 Ok(Verdict::refused("the control has nothing for it"))
@@ -361,21 +362,14 @@ impl Posting<'_, '_> {
         if verdict.grade != Grade::Native {
             return;
         }
-        match &function.call {
-            Call::StartSensorRecording(recording) => {
-                self.tracing
-                    .native
-                    .insert(key(&recording.id.0), (function.clone(), self.workplans()));
+        match ways::span(&function.call) {
+            Some((span, true)) => {
+                self.tracing.native.insert(span, (function.clone(), self.workplans()));
             }
-            Call::StartSynchronizedAction(action) => {
-                self.tracing
-                    .native
-                    .insert(key(&action.id.0), (function.clone(), self.workplans()));
+            Some((span, false)) => {
+                self.tracing.native.remove(&span);
             }
-            Call::StopSensorRecording { id } | Call::StopSynchronizedAction { id } => {
-                self.tracing.native.remove(&key(&id.0));
-            }
-            _ => {}
+            None => {}
         }
     }
 
