@@ -431,8 +431,10 @@ impl<'c, 's> Posting<'c, 's> {
                     if let Some(base) = self.bases.get_mut(name) {
                         base[*axis] = after;
                     }
-                    if work_number(name).is_none_or(|number| self.work == Some(number)) {
-                        self.at[*axis] = None; // the tool stands, and its coordinate is another
+                    // The tool stands, and its coordinate is another; a Siemens goes by the new origin when it is called again.
+                    if work_number(name).is_none_or(|number| self.work.is_none_or(|work| work == number)) {
+                        self.at[*axis] = None;
+                        self.work = None;
                     }
                 }
                 self.write(&Statement::Register(change))
