@@ -13,6 +13,7 @@ use crate::overriding::{Act, Overridden};
 use crate::printed::{self, Printed};
 use crate::program::Program;
 use crate::progress::Progress;
+use crate::report::recorded::{self, Recorded};
 use crate::report::{self, Page};
 use crate::survey::minutes;
 use crate::{clock, files, recording, shop};
@@ -229,7 +230,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
     } = rows;
     let end = order.start.at(outcome.ticks);
     // Before the recording's folder goes, in which they are made.
-    values.end(directory, job.id, end)?;
+    let values_file = values.end(directory, job.id, end)?;
     let ended = recording.end();
     tell_notices(directory, &watch, end)?;
     ended.map_err(shop::failure)?;
@@ -260,6 +261,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
     let mut rebuild = rebuild(order, (program, &tables), &record_read, &outcome)?;
     functions::results(&events, &mut rebuild.executed);
     let printed = Printed::of(&events);
+    let recorded = values_file.map_or_else(|| Ok(vec![]), |file| recorded::read(&file))?;
     rebuild.report.findings.extend(functions::alarms(&printed.functions));
     let course = Course {
         restart: order.asked.take_up.map(|(_, told)| told.clone()),
@@ -272,7 +274,7 @@ fn run_job(order: &Order<'_>, directory: &mut DataDirectory, job: &Job, part: Op
         &folder,
         (&outcome, driven.as_ref(), &course),
         (&record, &gaps),
-        (&rebuild, &printed),
+        (&rebuild, &printed, &recorded),
     )?;
     let mut written = ["as-executed.stpnc", "report.json", "report.html"]
         .map(|name| folder.join(name))
@@ -625,7 +627,7 @@ fn write_down(
     folder: &Path,
     (outcome, driven, course): (&Outcome, Option<&Driven>, &Course),
     (record, gaps): (&Finished, &[Gap]),
-    (rebuild, printed): (&Rebuild, &Printed),
+    (rebuild, printed, recorded): (&Rebuild, &Printed, &[Recorded]),
 ) -> Result<(), Failure> {
     let options = TwinOptions {
         machine: Some((
@@ -654,6 +656,7 @@ fn write_down(
         ],
         report: &rebuild.report,
         printed,
+        recorded,
     };
     report::write(&page, folder)
 }

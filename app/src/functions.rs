@@ -2,6 +2,8 @@
 
 mod sentence;
 
+pub use sentence::{digits, symbol};
+
 use crate::execution::{Order, Work};
 use crate::failure::Failure;
 use crate::program::Program;

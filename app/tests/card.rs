@@ -15,6 +15,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
+/// A program with a tool length that is in no table.
+const UNKNOWN: &str = "%\nO2\nG21 G90 G17 G54\nT1 M6\nG43 H77\nG0 X0 Y0\nM30\n%\n";
+
 /// Highest speed of each axis, mm/s: so slow that a count which comes a cycle or two late on a shared computer is still possible.
 const V_MAX: f64 = 24.0;
 const PULSES_PER_MM: f64 = 1000.0;
@@ -123,6 +126,7 @@ impl Card {
 fn machine_file(folder: &Path, registers: &Path) -> String {
     let mill = include_str!("../../store/machines/sim-mill.toml");
     let text = mill
+        .replacen("driver = \"sim\"", "driver = \"card\"", 1)
         .replacen("tool_change_s = 2.5", "tool_change_s = 0.2", 1)
         .replacen("kind = \"mill\"", "late_ticks_allowed = 100\nkind = \"mill\"", 1)
         .replace("v_max_mm_s = 500.0", &format!("v_max_mm_s = {V_MAX:.1}"))
@@ -151,6 +155,12 @@ fn a_controller_on_a_card_is_homed_when_it_is_asked_for_and_machines_a_plate_ove
     std::fs::write(&plate, PLATE).expect("written");
     let plate = plate.display().to_string();
     let data = folder.path().join("data");
+
+    let here = toolmark(&["run", &plate, "--machine", &machine], &data)
+        .output()
+        .expect("it runs");
+    assert_eq!(here.status.code(), Some(2), "{}", words(&here));
+    assert!(words(&here).contains("is moved by its card"), "{}", words(&here));
 
     // The card's program starts first.
     let early = toolmark(
@@ -198,8 +208,8 @@ fn a_controller_on_a_card_is_homed_when_it_is_asked_for_and_machines_a_plate_ove
         let done = run(&["--home", "--out", &out.display().to_string()]);
         let answer: Value = serde_json::from_slice(&done.stdout).unwrap_or_else(|e| panic!("{e}: {}", words(&done)));
         println!("{attempt}: {} {} {}", answer["ended"], answer["text"], answer["driven"]);
-        if answer["ended"] != "completed" && answer["driven"]["late_ticks"].as_u64() > Some(0) {
-            // Real drives do not wait for a computer that is busy.
+        if done.status.code() != Some(0) && answer["driven"]["late_ticks"].as_u64() > Some(0) {
+            // Real drives do not wait for a computer that is busy, and the record says where they were meanwhile.
             continue;
         }
         assert_eq!(
@@ -216,6 +226,21 @@ fn a_controller_on_a_card_is_homed_when_it_is_asked_for_and_machines_a_plate_ove
         );
         let page = std::fs::read_to_string(out.join("report.html")).expect("a page");
         assert!(!page.contains("SIMULATED"));
+        // A plan from the file of a simulator does not make this machine one: a length that nobody measured is not zero here.
+        let text = std::fs::read_to_string(&machine).expect("the machine file");
+        let (simulator, _) = text.rsplit_once("[card]\n").expect("it has a card");
+        let simulator = simulator.replacen("driver = \"card\"", "driver = \"sim\"", 1);
+        std::fs::write(folder.path().join("simulator.toml"), simulator).expect("written");
+        std::fs::write(folder.path().join("unknown.nc"), UNKNOWN).expect("written");
+        for file in ["card-mill.toml", "simulator.toml"] {
+            let mut run = toolmark(
+                &["run", "unknown.nc", "--machine", &controller.address, "--machine-file", file],
+                &data,
+            );
+            let refused = run.current_dir(folder.path()).output().expect("it runs");
+            assert_eq!(refused.status.code(), Some(1), "{file}: {}", words(&refused));
+            assert!(words(&refused).contains("H77"), "{file}: {}", words(&refused));
+        }
         let end = controller.end();
         assert_eq!(end["at_rest"], true, "{end}");
         over.store(true, Relaxed);

@@ -348,6 +348,19 @@ fn check_loads(shop: &Shop, program: &str) {
     }
     let report = std::fs::read_to_string(Path::new(&out).join("report.html")).expect("a report");
     assert!(report.contains("start_sensor_recording") && report.contains("Z.LOAD"));
+    assert!(
+        report.contains("Recorded by the program") && report.contains("aria-label='X.LOAD of"),
+        "its course is drawn"
+    );
+    let told = std::fs::read(Path::new(&out).join("report.json")).expect("a report");
+    let told: serde_json::Value = serde_json::from_slice(&told).expect("JSON");
+    let streams = told["recordings"][0]["streams"].as_array().expect("streams");
+    assert_eq!(streams[0]["stream"], "X.LOAD", "{}", told["recordings"]);
+    assert!(
+        streams
+            .iter()
+            .all(|s| s["values"].as_u64() > Some(100) && s["mean"].is_number())
+    );
     let (text, told) = posted(shop, program);
     for line in [
         "$AC_FIFO1[0]=$AA_LOAD[X]",

@@ -57,8 +57,6 @@ pub struct MachineFile {
     pub edited_outside: EditedOutside,
     /// What it says of loops, drives, references, spindle and cut.
     pub model: Model,
-    /// The register card that moves it, a file; `None` where the simulator does.
-    pub registers: Option<PathBuf>,
 }
 
 /// Ports and certificates of the set-point link. The certificates of a controller and of a computer that drives one are named alike.
@@ -121,11 +119,12 @@ impl Control {
 }
 
 /// Who moves the axes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Driver {
     /// The built-in simulator.
     Sim,
+    /// A motion card, whose registers are this file. The machine is real.
+    Card(PathBuf),
 }
 
 /// One axis.
@@ -219,16 +218,14 @@ impl MachineFile {
         let mut machine = Self::parse(&text, &path.display().to_string())?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let link = &mut machine.link;
-        for file in [
-            &mut link.certificate,
-            &mut link.key,
-            &mut link.authority,
-            &mut machine.registers,
-        ]
-        .into_iter()
-        .flatten()
+        for file in [&mut link.certificate, &mut link.key, &mut link.authority]
+            .into_iter()
+            .flatten()
         {
             *file = folder.join(&file);
+        }
+        if let Driver::Card(registers) = &mut machine.driver {
+            *registers = folder.join(&registers);
         }
         Ok(machine)
     }
@@ -293,7 +290,7 @@ struct Text {
     control: Option<Control>,
     #[serde(default)]
     control_parameters: BTreeMap<Spanned<String>, Finite>,
-    driver: Driver,
+    driver: Spanned<DriverText>,
     tool_change_s: NotNegative,
     axes: AxesText,
     spindle: SpindleText,
@@ -312,10 +309,17 @@ struct Text {
     cutting: Values,
     #[serde(default)]
     tool_changer: Values,
-    card: Option<CardText>,
+    card: Option<Spanned<CardText>>,
     late_ticks_made_up: Option<Spanned<u32>>,
     #[serde(default)]
     programs: ProgramsText,
+}
+
+#[derive(Clone, Copy, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum DriverText {
+    Sim,
+    Card,
 }
 
 /// What a machine without a word of it allows.
@@ -513,6 +517,18 @@ impl Text {
                 return Err((tool.number.span().start, format!("tool {number} is there already")));
             }
         }
+        let driver = match (self.driver.get_ref(), self.card) {
+            (DriverText::Sim, None) => Driver::Sim,
+            (DriverText::Card, Some(card)) => Driver::Card(card.into_inner().registers),
+            (DriverText::Sim, Some(card)) => {
+                let message = "[card] is for driver = \"card\"; driver = \"sim\" is the simulator, which has none";
+                return Err((card.span().start, message.to_owned()));
+            }
+            (DriverText::Card, None) => {
+                let message = "driver = \"card\" needs [card] with registers = \"...\", the file of its registers";
+                return Err((self.driver.span().start, message.to_owned()));
+            }
+        };
         let mut work_offsets = BTreeMap::new();
         for (name, offset) in self.work_offsets {
             if name.get_ref().is_empty() {
@@ -546,7 +562,7 @@ impl Text {
             kind,
             control: self.control,
             control_parameters,
-            driver: self.driver,
+            driver,
             axes: [
                 Some(checked_axis(Axis::X, self.axes.x)?),
                 self.axes.y.map(|y| checked_axis(Axis::Y, y)).transpose()?,
@@ -573,7 +589,6 @@ impl Text {
             },
             late_ticks_allowed: self.late_ticks_allowed.map_or(LATE_TICKS, Spanned::into_inner),
             model,
-            registers: self.card.map(|card| card.registers),
             late_ticks_made_up: self.late_ticks_made_up.map_or(LATE_TICKS_MADE_UP, Spanned::into_inner),
         })
     }
@@ -708,8 +723,26 @@ mod tests {
         check_refused(("[store]", "[link]\nport = 0\n[store]"), "98:8: ");
         check_refused(
             ("driver = \"sim\"", "driver = \"magic\""),
-            "4:10: unknown variant `magic`, expected `sim`",
+            "4:10: unknown variant `magic`, expected `sim` or `card`",
         );
+        check_refused(
+            ("driver = \"sim\"", "driver = \"card\""),
+            "4:10: driver = \"card\" needs [card]",
+        );
+        check_refused(
+            ("[store]", "[card]\nregisters = \"r\"\n[store]"),
+            "97:1: [card] is for driver = \"card\"",
+        );
+    }
+
+    #[test]
+    fn the_registers_of_a_card_are_found_beside_the_machine_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("mill.toml");
+        let text = BUILT_IN[0].1.replace("driver = \"sim\"", "driver = \"card\"");
+        std::fs::write(&path, format!("{text}\n[card]\nregisters = \"mill.registers\"\n")).expect("written");
+        let machine = MachineFile::open(&path).expect("a machine");
+        assert_eq!(machine.driver, Driver::Card(folder.path().join("mill.registers")));
     }
 
     proptest::proptest! {

@@ -29,7 +29,7 @@ pub const DEFAULTS: &[(&str, &str)] = &[
     ("store.quota_bytes", "no limit"),
     ("programs.edited_outside", "\"warn\""),
     ("late_ticks_allowed", "5"),
-    ("card.registers", "none: the simulator moves it"),
+    ("card.registers", "none: driver = \"sim\""),
     ("late_ticks_made_up", "500"),
 ];
 

@@ -169,6 +169,7 @@ pub fn tables(machine: &MachineFile, values: &BTreeMap<String, f64>) -> Result<T
             .collect(),
         missing: match machine.driver {
             Driver::Sim => Missing::Assume,
+            Driver::Card(_) => Missing::Fail,
         },
     })
 }

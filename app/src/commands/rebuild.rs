@@ -112,6 +112,7 @@ pub fn rebuild(args: &RebuildArgs, common: &Common) -> Done {
             course: None,
             driven: driven.as_ref(),
             printed: &Printed::default(),
+            recorded: &[],
             program: name,
             machine: &record.source,
             ended: None,

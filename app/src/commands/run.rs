@@ -19,10 +19,12 @@ use asrun::Verdict;
 use cell::{Ended, Fault, WorkingstepSelector};
 use ledger::Action;
 use motion::Trajectory;
+use plan::tables::Missing;
 use plan::{ProgramStream, Tables};
 use serde_json::json;
 use std::path::Path;
-use store::{DataDirectory, MachineFile};
+use store::DataDirectory;
+use store::machine_file::{self, MachineFile};
 use units::{Point, Seconds, Timestamp, ToolNumber};
 
 /// Runs the command.
@@ -291,7 +293,9 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
     let acting = Acting::of(&directory, common)?;
     acting.must(Action::Run, &mut directory, start)?;
     directory.take_over(&machine, &acting.name, start).map_err(shop::failure)?;
-    let tables = directory.tables(&machine).map_err(shop::failure)?;
+    let mut tables = directory.tables(&machine).map_err(shop::failure)?;
+    // The protocol has no word for whether the machine is real: nothing that is not known of it is assumed.
+    tables.missing = Missing::Fail;
     program.variables = directory.variables(&machine).map_err(shop::failure)?;
     let take_up = taken_up(args, program, &tables, &machine, (&acting, &mut directory), start)?;
     let stream = || stream_of(program, &tables, take_up.as_ref());
@@ -388,6 +392,13 @@ impl Driver {
                 ));
             }
             let machine = machine_for(&common.machine, turns)?;
+            if let machine_file::Driver::Card(_) = machine.driver {
+                return Err(Failure::usage(format_args!(
+                    "'{}' is moved by its card: start toolmark controller --machine {}, then run with --machine tcp://127.0.0.1 (to try it on the simulator, \
+                     take a copy of the file with driver = \"sim\" and without [card])",
+                    machine.name, common.machine
+                )));
+            }
             return Ok(Driver { machine, behind: None });
         }
         let address = address::read(&common.machine)?;
@@ -427,6 +438,10 @@ impl Driver {
         let Some((remote, _)) = &self.behind else {
             return Ok(ToolNumber(0));
         };
+        if !self.is_simulated() {
+            // Whatever file the plan is made from: what a real machine has is known or nothing moves.
+            tables.missing = Missing::Fail;
+        }
         let report = driving::make_ready(remote, home || self.is_simulated())?;
         tables.position = Point::from_xyz(report.sample.commanded);
         Ok(report.sample.tool)

@@ -4,6 +4,7 @@ use crate::failure::Failure;
 use crate::shop;
 use machine::{CyclicDrive, DriveOrders, Feedback, MachineParameters, Plant, Quality, RegisterCard};
 use store::MachineFile;
+use store::machine_file::Driver;
 use store::register_file::RegisterFile;
 use units::{Point, Tick};
 
@@ -21,9 +22,9 @@ impl Drives {
     /// # Errors
     /// The registers of its card cannot be used.
     pub fn of(machine: &MachineFile, parameters: &MachineParameters, seed: u64) -> Result<Drives, Failure> {
-        Ok(match &machine.registers {
-            None => Drives::Simulated(Box::new(Plant::new(parameters, Point::ORIGIN, seed))),
-            Some(path) => {
+        Ok(match &machine.driver {
+            Driver::Sim => Drives::Simulated(Box::new(Plant::new(parameters, Point::ORIGIN, seed))),
+            Driver::Card(path) => {
                 let registers = RegisterFile::open(path)
                     .map_err(|e| Failure::machine(shop::failure(e).message.trim_start_matches("error: ")))?;
                 Drives::Card(Box::new(RegisterCard::new(parameters, registers)))

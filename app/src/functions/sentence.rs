@@ -163,7 +163,7 @@ fn value(one: &Value) -> String {
 }
 
 /// A unit as the shop writes it.
-fn symbol(unit: &str) -> &str {
+pub fn symbol(unit: &str) -> &str {
     let known = TYPES.iter().find(|(_, dimension)| dimension.unit() == unit);
     match (known, unit) {
         (Some((_, dimension)), _) => dimension.symbol(),
@@ -176,7 +176,7 @@ fn symbol(unit: &str) -> &str {
 }
 
 /// Four digits behind the point at most, and none that say nothing.
-fn digits(number: f64) -> String {
+pub fn digits(number: f64) -> String {
     let text = format!("{number:.4}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_owned() } else { text.to_owned() }

@@ -2,6 +2,7 @@
 
 pub mod page;
 pub mod plot;
+pub mod recorded;
 
 use crate::cli::DisplayUnits;
 use crate::execution::Course;
@@ -11,6 +12,7 @@ use crate::link::driving::Driven;
 use crate::printed::Printed;
 use crate::say;
 use asrun::{Report, ToleranceSource, Verdict, WorkingstepReport};
+use recorded::Recorded;
 use std::path::Path;
 use units::MM_PER_INCH;
 
@@ -32,6 +34,8 @@ pub struct Page<'a> {
     pub report: &'a Report,
     /// What the program printed while it ran, and its names of variables.
     pub printed: &'a Printed,
+    /// What its functions recorded.
+    pub recorded: &'a [Recorded],
 }
 
 /// `report.json`.
@@ -41,6 +45,8 @@ struct Told<'a> {
     report: &'a Report,
     #[serde(flatten)]
     printed: &'a Printed,
+    #[serde(rename = "recordings", skip_serializing_if = "<[Recorded]>::is_empty")]
+    recorded: &'a [Recorded],
     #[serde(skip_serializing_if = "Option::is_none")]
     driven: Option<&'a Driven>,
     #[serde(flatten)]
@@ -55,6 +61,7 @@ pub fn write(page: &Page<'_>, folder: &Path) -> Result<(), Failure> {
     let told = Told {
         report: page.report,
         printed: page.printed,
+        recorded: page.recorded,
         driven: page.driven,
         course: page.course,
     };

@@ -2,7 +2,9 @@
 
 use super::Page;
 use super::plot::{Plot, Series, escape};
+use super::recorded::{Recorded, Stream};
 use crate::clock;
+use crate::functions::{digits, symbol};
 use asrun::{Report, ToleranceSource, Verdict, WorkingstepReport};
 use std::fmt::Write;
 use units::Timestamp;
@@ -23,6 +25,7 @@ pub fn html(page: &Page<'_>) -> String {
     }
     overrides(&mut out, page);
     printed(&mut out, page);
+    recordings(&mut out, page);
     functions(&mut out, page);
     proof(&mut out, page);
     frame(&title, &out)
@@ -164,6 +167,101 @@ fn printed(out: &mut String, page: &Page<'_>) {
         out,
         "<h2>Printed by the program</h2><div class='wide'><pre>{lines}</pre></div>"
     );
+}
+
+/// Streams of recordings in the table of a page, and recordings with a picture; all of them are in its JSON.
+const MOST_STREAMS: usize = 200;
+const MOST_PICTURES: usize = 24;
+/// Points of a line that are drawn as dots.
+const MOST_DOTS: usize = 60;
+/// Lines of one picture: more cannot be told apart by their colours.
+const LINES: [[&str; 2]; 6] = [
+    ["s1", "s1 dot"],
+    ["s2", "s2 dot"],
+    ["s3", "s3 dot"],
+    ["s4", "s4 dot"],
+    ["s5", "s5 dot"],
+    ["s6", "s6 dot"],
+];
+
+fn recordings(out: &mut String, page: &Page<'_>) {
+    if page.recorded.is_empty() {
+        return;
+    }
+    out.push_str(
+        "<h2>Recorded by the program</h2><div class='wide'><table><thead><tr><th class='text'>recording</th><th>run</th>\
+         <th class='text'>stream</th><th>values</th><th>unavailable</th><th>min</th><th>mean</th><th>max</th>\
+         <th class='text'>unit</th><th class='text'>quality</th></tr></thead><tbody>",
+    );
+    let streams = || page.recorded.iter().flat_map(|r| r.streams.iter().map(move |s| (r, s)));
+    let number = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), digits);
+    for (recorded, stream) in streams().take(MOST_STREAMS) {
+        let _ = write!(
+            out,
+            "<tr><td class='text'>{}</td><td>{}</td><td class='text'>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
+             <td class='text'>{}</td><td class='text'>{}</td></tr>",
+            escape(&recorded.recording),
+            recorded.run,
+            escape(&stream.stream),
+            stream.values,
+            stream.unavailable,
+            number(stream.min),
+            number(stream.mean),
+            number(stream.max),
+            escape(symbol(&stream.unit)),
+            escape(&stream.quality)
+        );
+    }
+    out.push_str("</tbody></table></div>");
+    let more = streams().count().saturating_sub(MOST_STREAMS);
+    if more > 0 {
+        let _ = write!(out, "<p>and {more} more: see report.json</p>");
+    }
+    for (recorded, streams) in page.recorded.iter().flat_map(pictures).take(MOST_PICTURES) {
+        let unit = symbol(&streams[0].unit);
+        let title = format!("{} of {}, run {}", streams[0].stream, recorded.recording, recorded.run);
+        let series = streams.iter().zip(LINES).map(|(stream, [line, dot])| {
+            let pieces = stream.course.pieces();
+            let dots = pieces.iter().map(Vec::len).sum::<usize>() <= MOST_DOTS;
+            Series {
+                name: &stream.stream,
+                class: if dots { dot } else { line },
+                // Few values are moments, and nobody knows what was between them.
+                pieces: if dots {
+                    pieces.into_iter().flatten().map(|point| vec![point]).collect()
+                } else {
+                    pieces
+                },
+                fits: true,
+            }
+        });
+        let plot = Plot {
+            title: &title,
+            x_label: "time since the start, s",
+            y_label: unit,
+            series: series.collect(),
+            same_scale: false,
+            from_zero: false,
+        };
+        let _ = write!(out, "<section><h3>{}, run {}</h3>", escape(&recorded.recording), recorded.run);
+        figure(out, "", &plot);
+        out.push_str("</section>");
+    }
+}
+
+/// What of a recording stands in one picture: streams of one unit that are a course, as many as can be told apart.
+fn pictures(recorded: &Recorded) -> Vec<(&Recorded, Vec<&Stream>)> {
+    let mut by_unit: Vec<(&str, Vec<&Stream>)> = Vec::new();
+    for stream in recorded.streams.iter().filter(|stream| stream.course.is_a_course()) {
+        match by_unit
+            .iter_mut()
+            .find(|(unit, there)| *unit == stream.unit && there.len() < LINES.len())
+        {
+            Some((_, there)) => there.push(stream),
+            None => by_unit.push((&stream.unit, vec![stream])),
+        }
+    }
+    by_unit.into_iter().map(|(_, streams)| (recorded, streams)).collect()
 }
 
 /// Records of functions that a page shows; all of them are in its JSON and in the log.
@@ -430,7 +528,7 @@ const STYLE: &str = "\
 body{margin:0;background:var(--paper);color:var(--ink);font:15px/1.5 system-ui,sans-serif}\
 main{max-width:820px;margin:0 auto;padding:24px 16px 64px}\
 header{display:flex;justify-content:space-between;align-items:baseline;gap:16px;flex-wrap:wrap}\
-h1{font-size:22px;margin:0;overflow-wrap:anywhere}h2{font-size:17px;margin:32px 0 8px}\
+h1{font-size:22px;margin:0;overflow-wrap:anywhere}h2{font-size:17px;margin:32px 0 8px}h3{font-size:15px;margin:20px 0 4px}\
 .verdict{margin:0;padding:4px 14px;border:2px solid;border-radius:6px;font-weight:600}\
 .good{color:var(--good)}.bad{color:var(--bad)}.none{color:var(--dim)}td.good,td.none{white-space:nowrap}\
 .simulated{border-left:4px solid var(--warn);padding:4px 12px;color:var(--warn);font-weight:600}\
@@ -444,6 +542,7 @@ tbody th{font-weight:500}.proof td{overflow-wrap:anywhere;font-size:13px}.proof 
 figure{margin:0}svg{width:100%;height:auto;display:block}svg text{fill:var(--dim);font-size:12px}\
 svg path{fill:none;stroke-width:1.6;stroke-linejoin:round}svg .grid{stroke:var(--line);stroke-width:1}\
 .plan{stroke:var(--plan);stroke-width:4!important}.run{stroke:var(--run)}.limit{stroke:var(--bad);stroke-dasharray:6 4}\
+.dot{stroke-width:5;stroke-linecap:round}.s1{stroke:var(--run)}.s2{stroke:#c2570c}.s3{stroke:#0f8a6d}.s4{stroke:#8b5cf6}.s5{stroke:#b8860b}.s6{stroke:#d6336c}\
 .rapid{stroke-dasharray:3 4;opacity:.7}.plan.rapid{stroke-width:1.4!important}\
 .legend{display:flex;gap:20px;flex-wrap:wrap;font-size:13px;color:var(--dim);margin:4px 0 0 64px}.legend span{display:flex;align-items:center;gap:6px}\
 svg.key{width:24px;height:8px}@media print{main{max-width:none}}";

@@ -124,6 +124,10 @@ impl Plot<'_> {
                 for (i, p) in piece.iter().enumerate() {
                     let _ = write!(d, "{}{:.1} {:.1}", if i == 0 { 'M' } else { 'L' }, x(p[0]), y(p[1]));
                 }
+                if piece.len() == 1 {
+                    // A line without length is a dot where its ends are round.
+                    d.push_str("h0");
+                }
             }
             if !d.is_empty() {
                 let _ = write!(svg, "<path class='{}' d='{d}'/>", series.class);

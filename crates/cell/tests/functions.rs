@@ -245,7 +245,11 @@ fn an_alarm_that_is_active_is_not_set_again_and_is_told_at_most_once_a_second() 
         .filter(|e| e.detail["state"] == "fired")
         .collect();
     let seconds = cycles / 1000 + 1;
-    assert!(fired.len() as u64 <= 10 * seconds, "{} in {seconds} s", fired.len());
+    // It is set at first, and once more behind its clearing: that is told whatever is held back.
+    let sets = fired.iter().filter(|e| e.detail["actions"][0]["state"] == "set").count();
+    assert_eq!(sets, 2);
+    let rest = (fired.len() - sets) as u64;
+    assert!(rest <= 10 * seconds, "{rest} in {seconds} s");
     let told: u64 = fired.iter().filter_map(|e| e.detail.get("not_told")?.as_u64()).sum::<u64>() + fired.len() as u64;
     let ended = of(&kept, "stop_synchronized_action");
     let left = ended[0].detail.get("not_told").and_then(Value::as_u64).unwrap_or(0);

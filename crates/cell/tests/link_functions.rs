@@ -129,7 +129,12 @@ fn machined(config: LinkedConfig, text: &str, found: &Found) -> (Ended, Vec<Kept
 }
 
 /// The conditions of [`watched`] by id, with the stream of those that record one.
-const CONDITIONS: [(&str, Option<&str>); 4] = [("1", None), ("2", None), ("3", Some("action 3")), ("4", Some("action 4"))];
+const CONDITIONS: [(&str, Option<&str>); 4] = [
+    ("1", Some("action 1")),
+    ("2", None),
+    ("3", Some("action 3")),
+    ("4", Some("action 4")),
+];
 
 /// Events of one condition in one state.
 fn events<'k>(kept: &'k Kept, id: &str, state: &str) -> Vec<&'k ledger::Event> {
@@ -213,7 +218,13 @@ fn action(id: u32, frequency: &str, condition: &str, actions: &str) -> String {
 /// Conditions of every frequency, on signals, tools and alarms, one of which holds the feed.
 fn watched() -> String {
     let before = [
-        action(1, "EVERY", "ws_time >= 0 s and X.LOAD > 0.5 %", "\"get_time\""),
+        // It chatters: the log holds ten of its firings a second, the stream each.
+        action(
+            1,
+            "EVERY",
+            "ws_time >= 0 s and X.LOAD > 0.5 %",
+            "get_time,\"read_sensor_value its_sensor=X.LOAD\"",
+        ),
         action(
             2,
             "WHEN",

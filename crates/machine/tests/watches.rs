@@ -5,6 +5,8 @@ use machine::watch::{
     Situation, Watch, WatchOrder, signal,
 };
 use machine::{MachineParameters, Phase, Sample, Watches};
+use rand_chacha::ChaCha8Rng;
+use rand_core::{Rng, SeedableRng};
 use units::{Tick, WorkingstepId};
 
 type Few = Watches<64, 512>;
@@ -370,4 +372,78 @@ fn without_room_for_all_firings_those_that_are_only_recorded_go_first_and_are_co
     assert_eq!(watches.counters().lost_firings, before);
     watches.cycle(Tick(0), &readings, Mode::Automatic);
     assert_eq!(watches.counters().lost_firings, before + 1);
+}
+
+/// What decided a condition last time is looked at first the next time: that may not be seen from outside.
+#[test]
+fn comparisons_that_all_have_to_hold_fire_in_every_cycle_as_the_same_condition_written_otherwise() {
+    let relations = [
+        Relation::Less,
+        Relation::LessOrEqual,
+        Relation::Greater,
+        Relation::GreaterOrEqual,
+        Relation::Equal,
+        Relation::NotEqual,
+    ];
+    let kinds = [
+        Frequency::Whenever,
+        Frequency::FromFirst,
+        Frequency::WhenOnce,
+        Frequency::EveryEdge,
+    ];
+    let loads = ["X.LOAD", "Y.LOAD", "Z.LOAD"].map(|name| signal(name).expect("a signal"));
+    let mut dice = ChaCha8Rng::seed_from_u64(7);
+    let mut up_to = |n: u64| dice.next_u64() % n;
+    for _ in 0..50 {
+        let mut bench = Bench::new();
+        for pair in 0..32 {
+            let mut condition = vec![];
+            for k in 0..1 + up_to(3) {
+                let relation = relations[up_to(6) as usize];
+                condition.push(Operation::Compare(loads[up_to(3) as usize], relation, up_to(3) as f64));
+                if k > 0 {
+                    condition.push(Operation::And);
+                }
+            }
+            let otherwise = [&condition[..], &[Operation::Not, Operation::Not]].concat();
+            for condition in [condition, otherwise] {
+                let number = bench.watches.load(&watch(kinds[pair % 4], &condition)).expect("room");
+                bench.watches.obey(WatchOrder::Start(number));
+            }
+        }
+        let mut values = [0.0; 3];
+        let (mut fired, mut unknown) = (0, 0);
+        for tick in 0..200 {
+            // Mostly they stay, one of them changes.
+            values[up_to(3) as usize] = [0.0, 1.0, 2.0, f64::NAN][up_to(4) as usize];
+            if up_to(4) == 0 {
+                let (pair, fired, order) = (2 * up_to(32) as u16, up_to(2) == 0, up_to(3));
+                for watch in [pair, pair + 1] {
+                    bench.watches.obey(match order {
+                        0 => WatchOrder::Start(watch),
+                        1 => WatchOrder::Stop(watch),
+                        _ => WatchOrder::TakeUp { watch, fired },
+                    });
+                }
+            }
+            let sample = Sample {
+                tick: Tick(tick),
+                load: values,
+                ..Sample::default()
+            };
+            bench.readings.take(&sample, &bench.machine, Situation::default());
+            bench.watches.cycle(Tick(tick), &bench.readings, Mode::Automatic);
+            let mut told = [vec![], vec![]];
+            while let Some(firing) = bench.watches.firing() {
+                told[usize::from(firing.watch % 2)].push((firing.watch / 2, firing.known));
+                fired += usize::from(firing.known);
+                unknown += usize::from(!firing.known);
+            }
+            assert_eq!(told[0], told[1], "cycle {tick}, {values:?}");
+        }
+        assert!(
+            fired > 100 && unknown > 10,
+            "{fired} firings and {unknown} outages are no test"
+        );
+    }
 }

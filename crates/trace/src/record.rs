@@ -285,8 +285,9 @@ impl Recorder {
             (action.window, action.in_window) = (tick, 0);
         }
         action.in_window += 1;
-        let often = matches!(action.does.frequency, Frequency::None | Frequency::Whenever | Frequency::From);
-        let quiet = often && action.in_window > EVENTS_A_SECOND;
+        // A condition that chatters about its limit has an edge in every other cycle: EVERY is held back like the others.
+        let often = action.does.frequency != Frequency::When;
+        let mut quiet = often && action.in_window > EVENTS_A_SECOND;
         let mut results = Vec::new();
         let mut slot = 0;
         for function in action.does.actions.clone() {
@@ -304,6 +305,13 @@ impl Recorder {
             }
             if !quiet || alarm_of(&function).is_some() {
                 let mut result = self.perform(&function, tick);
+                match result.get("state").and_then(Value::as_str) {
+                    // Told once in a second at most.
+                    Some("repeated") if result.get("repeated").is_none_or(Value::is_null) => continue,
+                    // What became of an alarm is told, however much is held back.
+                    Some("set" | "cleared") => quiet = false,
+                    _ => {}
+                }
                 result.insert("function".to_owned(), Value::from(function.name.clone()));
                 results.push(Value::Object(result));
             }

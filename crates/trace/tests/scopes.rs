@@ -148,6 +148,80 @@ fn an_outage_is_one_t_05_and_lost_firings_and_cycles_are_t_09_and_t_10() {
     assert_eq!(ended.data["lost_cycles"], 3, "the recording says its gap too");
 }
 
+/// What the log tells of firings, as `cycle: fired count, held back since the last: states of what they did`.
+fn check_firings(does: &str, cycles: impl Iterator<Item = u64>, expected: &[&str]) {
+    let action = format!("start_synchronized_action its_id=1 its_mode_scope=ALL {does}");
+    let (mut recorder, _) = run(&[Say::Function(&action)], Known::default());
+    for cycle in cycles {
+        recorder.fired(&Firing {
+            tick: Tick(cycle),
+            watch: 0,
+            known: true,
+        });
+    }
+    recorder.finish(Tick(100_000));
+    let told = recorder.take_told().into_iter().map(|told| {
+        let data = &told.data;
+        let results = data.get("actions").and_then(Value::as_array).cloned().unwrap_or_default();
+        let states: Vec<String> = results
+            .iter()
+            .map(|result| match (&result["state"], &result["repeated"]) {
+                (Value::String(state), Value::Number(times)) => format!("{state} {times}"),
+                (Value::String(state), _) => state.clone(),
+                _ => result["function"].as_str().unwrap_or("-").to_owned(),
+            })
+            .collect();
+        let held_back = data.get("not_told").and_then(Value::as_u64).unwrap_or(0);
+        format!("{}: {}, {held_back}: {}", told.tick.0, data["fired"], states.join(" "))
+    });
+    assert_eq!(told.collect::<Vec<_>>(), expected);
+}
+
+#[test]
+fn ten_firings_are_told_in_a_second_whatever_the_frequency_and_the_others_are_counted() {
+    for often in ["EVERY", "WHENEVER", "FROM"] {
+        let does = format!("its_frequency={often} its_condition=\"X.LOAD > 1\" its_actions=get_time");
+        let mut expected: Vec<String> = (0..10).map(|n| format!("{}: {}, 0: get_time", 100 + 2 * n, n + 1)).collect();
+        expected.push("1100: 501, 490: get_time".to_owned());
+        expected.push("100000: 501, 0: ".to_owned());
+        let expected: Vec<&str> = expected.iter().map(String::as_str).collect();
+        check_firings(&does, (100..=1100).step_by(2), &expected);
+    }
+}
+
+#[test]
+fn an_alarm_that_is_set_again_and_again_is_told_when_it_is_set_and_then_once_in_a_second() {
+    check_firings(
+        "its_frequency=EVERY its_condition=\"X.LOAD > 1\" its_actions=\"set_alarm its_alarm_id=3 its_text=high\",get_time",
+        [0, 400, 800, 1200, 1600, 2000, 2400].into_iter().map(|n| 100 + n),
+        &[
+            "100: 1, 0: set get_time",
+            "500: 2, 0: get_time",
+            "900: 3, 0: get_time",
+            "1300: 4, 0: repeated 3 get_time",
+            "1700: 5, 0: get_time",
+            "2100: 6, 0: get_time",
+            "2500: 7, 0: repeated 6 get_time",
+            "100000: 7, 0: ",
+        ],
+    );
+}
+
+#[test]
+fn an_alarm_that_is_cleared_and_set_is_told_each_time_however_much_is_held_back() {
+    let mut expected = vec!["100: 1, 0: get_time clear_alarm set".to_owned()];
+    expected.extend((2..=10).map(|n| format!("{}: {n}, 0: get_time cleared set", 98 + 2 * n)));
+    expected.extend((11..=14).map(|n| format!("{}: {n}, 0: cleared set", 98 + 2 * n)));
+    expected.push("100000: 14, 0: ".to_owned());
+    let expected: Vec<&str> = expected.iter().map(String::as_str).collect();
+    check_firings(
+        "its_frequency=EVERY its_condition=\"X.LOAD > 1\" \
+         its_actions=get_time,\"clear_alarm its_alarm_id=3\",\"set_alarm its_alarm_id=3 its_text=high\"",
+        (0..14).map(|n| 100 + 2 * n),
+        &expected,
+    );
+}
+
 #[test]
 fn what_the_machine_owns_is_not_written_while_it_runs_either() {
     let said = [

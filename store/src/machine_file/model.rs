@@ -457,7 +457,8 @@ mod tests {
             Some(rest) if rest.starts_with('[') || rest.split_once(" = ").is_some_and(|(key, _)| !key.contains(' ')) => rest,
             _ => line,
         });
-        format!("{}{}", &text[..begin], lines.collect::<Vec<_>>().join("\n"))
+        let head = text[..begin].replacen("driver = \"sim\"", "driver = \"card\"", 1);
+        format!("{head}{}", lines.collect::<Vec<_>>().join("\n"))
     }
 
     #[test]

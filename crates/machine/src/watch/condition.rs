@@ -244,25 +244,70 @@ pub(super) fn only_comparisons(operations: &mut [Packed]) -> u16 {
     front as u16
 }
 
-/// [`evaluate`] for comparisons that all have to hold, without a branch for each: one that is false decides, and if none is, one that is not
-/// known.
-#[inline]
-pub(super) fn evaluate_all(comparisons: &[Packed], constants: &[f64], values: &[f64; MOST_SIGNALS]) -> f64 {
-    let (mut is_false, mut is_unknown) = (false, false);
-    for Packed(word) in comparisons {
-        let (code, signal, number) = (*word as u8, (*word >> 8) as u8, (*word >> 16) as u16);
-        let a = values[usize::from(signal)];
-        let b = constants.get(usize::from(number)).copied().unwrap_or(f64::NAN);
-        let above = u8::from(a >= b) + u8::from(a > b);
-        let is_known = !a.is_nan() & !b.is_nan();
-        is_false |= is_known & (OUTCOMES[usize::from(code.wrapping_sub(COMPARE) & 7)] >> above & 1 == 0);
-        is_unknown |= !is_known;
+/// A comparison by itself, with its number beside it: what decided a condition in the cycle before is likely to decide it again.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Deciding {
+    number: f64,
+    signal: u8,
+    /// Bits as in [`OUTCOMES`].
+    outcomes: u8,
+}
+
+impl Deciding {
+    /// Decides nothing.
+    pub(super) const NOTHING: Deciding = Deciding {
+        number: 0.0,
+        signal: 0,
+        outcomes: 0b111,
+    };
+
+    #[inline(always)]
+    fn of(Packed(word): Packed, constants: &[f64]) -> Deciding {
+        let (code, signal, number) = (word as u8, (word >> 8) as u8, (word >> 16) as u16);
+        Deciding {
+            number: constants.get(usize::from(number)).copied().unwrap_or(f64::NAN),
+            signal,
+            outcomes: OUTCOMES[usize::from(code.wrapping_sub(COMPARE) & 7)],
+        }
     }
-    match (is_false, is_unknown) {
+
+    /// Both numbers are known, and the comparison holds.
+    #[inline(always)]
+    fn known_and_holds(self, values: &[f64; MOST_SIGNALS]) -> (bool, bool) {
+        let (a, b) = (values[usize::from(self.signal)], self.number);
+        let above = u8::from(a >= b) + u8::from(a > b);
+        (!a.is_nan() & !b.is_nan(), self.outcomes >> above & 1 != 0)
+    }
+
+    /// True where it is known not to hold.
+    #[inline(always)]
+    pub(super) fn is_false(self, values: &[f64; MOST_SIGNALS]) -> bool {
+        let (known, holds) = self.known_and_holds(values);
+        known & !holds
+    }
+}
+
+/// [`evaluate`] for comparisons that all have to hold, without a branch for each: one that is false decides, and if none is, one that is not
+/// known. With the one that decided.
+#[inline]
+pub(super) fn evaluate_all(comparisons: &[Packed], constants: &[f64], values: &[f64; MOST_SIGNALS]) -> (f64, Deciding) {
+    let (mut is_false, mut is_unknown) = (false, false);
+    let mut deciding = Deciding::NOTHING;
+    for packed in comparisons {
+        let comparison = Deciding::of(*packed, constants);
+        let (known, holds) = comparison.known_and_holds(values);
+        if known & !holds {
+            deciding = comparison;
+        }
+        is_false |= known & !holds;
+        is_unknown |= !known;
+    }
+    let truth = match (is_false, is_unknown) {
         (true, _) => 0.0,
         (false, true) => f64::NAN,
         (false, false) => 1.0,
-    }
+    };
+    (truth, deciding)
 }
 
 /// Evaluates what was checked and packed: 1, 0, or not-a-number.
@@ -459,8 +504,9 @@ mod tests {
                             let any = evaluate(&packed, &constants, &values, |_| false);
                             let mut sorted = packed;
                             assert_eq!(only_comparisons(&mut sorted), 3);
-                            let all = evaluate_all(&sorted[..3], &constants, &values);
+                            let (all, deciding) = evaluate_all(&sorted[..3], &constants, &values);
                             assert!(same(any, all), "{operations:?} of {x} and {y}: {any} and {all}");
+                            assert_eq!(deciding.is_false(&values), any == 0.0, "{operations:?} of {x} and {y}");
                         }
                     }
                     packed[4] = Packed::of(Operation::Or, |_| None).expect("room");

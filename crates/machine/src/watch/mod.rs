@@ -13,7 +13,7 @@ pub use condition::{BadCondition, Operation, Relation};
 pub use signal::{Mode, NO_SENSOR, Readings, SIGNALS, Signal, Situation, WatchCost, signal};
 
 use crate::Ring;
-use condition::{Packed, evaluate, evaluate_all, only_comparisons};
+use condition::{Deciding, Packed, evaluate, evaluate_all, only_comparisons};
 use units::{StepId, Tick};
 
 /// Highest number of an alarm of a program.
@@ -216,6 +216,8 @@ struct Slot {
     length: u16,
     /// So many comparisons, all of which have to hold, stand first and are all there is; 0 where it is another condition.
     comparisons: u16,
+    /// Of these the one that was false last: it is looked at first, and while it stays false nothing else need be.
+    deciding: Deciding,
     frequency: Frequency,
     all_modes: bool,
     runs: bool,
@@ -230,10 +232,24 @@ struct Slot {
     place: u16,
 }
 
+impl Slot {
+    /// A cycle in which its condition is false changes nothing of it, and nothing fires.
+    #[inline(always)]
+    fn stays_as_it_is_while_false(&self) -> bool {
+        match self.frequency {
+            Frequency::NoKeyword => false,
+            Frequency::Whenever | Frequency::WhenOnce => !self.unknown,
+            Frequency::FromFirst => !self.unknown & !self.latch,
+            Frequency::EveryEdge => !self.unknown & !self.latch & !self.settling,
+        }
+    }
+}
+
 const EMPTY: Slot = Slot {
     first: 0,
     length: 0,
     comparisons: 0,
+    deciding: Deciding::NOTHING,
     frequency: Frequency::NoKeyword,
     all_modes: false,
     runs: false,
@@ -504,6 +520,10 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
             if over || (mode != Mode::Automatic && !slot.all_modes) {
                 continue;
             }
+            if slot.deciding.is_false(values) && slot.stays_as_it_is_while_false() {
+                verdict.operations += 1;
+                continue;
+            }
             let decided = slot.frequency == Frequency::NoKeyword || (slot.frequency == Frequency::FromFirst && slot.latch);
             let truth = if decided {
                 1.0
@@ -512,7 +532,11 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
                 verdict.operations += u32::from(slot.length);
                 let operations = self.operations.get(first..first + usize::from(slot.length)).unwrap_or(&[]);
                 match operations.get(..usize::from(slot.comparisons)) {
-                    Some(all) if !all.is_empty() => evaluate_all(all, &self.constants, values),
+                    Some(all) if !all.is_empty() => {
+                        let (truth, deciding) = evaluate_all(all, &self.constants, values);
+                        slot.deciding = deciding;
+                        truth
+                    }
                     _ => {
                         let alarms = &self.alarms;
                         evaluate(operations, &self.constants, values, |alarm| alarms.is_active(alarm))
@@ -612,6 +636,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
         }
         let slot = &mut self.slots[at];
         (slot.latch, slot.settling, slot.unknown) = (false, false, false);
+        slot.deciding = Deciding::NOTHING;
         self.run(at);
     }
 

@@ -1,6 +1,8 @@
 //! A program from a generator, and the set-points it becomes: what the tests and the example share.
 #![allow(dead_code, reason = "each user takes a part of it")]
 
+pub mod laws;
+
 use machine::{Command, SetPoint};
 use motion::{Limits, Output, Statistics, Trajectory};
 use plan::{
