@@ -19,7 +19,7 @@ G0 G43 H1 X0 Y0 Z10.
 M8
 (trace:1 get_time its_label="first cut")
 (trace:1 log_tool_data)
-(trace:1 start_sensor_recording its_function_id=1 its_sensors=LOAD its_axes=X,Y,Z its_sampling=4)
+(trace:1 start_sensor_recording its_function_id=R1 its_sensors=LOAD its_axes=X,Y,Z its_sampling=4)
 (trace:1 read_sensor_value its_sensor=S1.LOAD)
 (trace:1 get_cutting_speed_points number_of_points=10)
 (trace:1 get_spindle_speed_points number_of_points=10)
@@ -77,7 +77,7 @@ X40. F600.
 Y30.
 X0
 Y0
-(trace:1 stop_sensor_recording its_function_id=1)
+(trace:1 stop_sensor_recording its_function_id=R1)
 (trace:1 set_alarm its_alarm_id=2 its_text="between the tools")
 (trace:1 clear_alarm its_alarm_id=2)
 G0 Z10.

@@ -35,7 +35,7 @@ pub struct Common {
     #[arg(long, global = true, value_name = "DIR")]
     pub data: Option<PathBuf>,
     /// The machine: sim (mill, or lathe when the program turns), sim-mill, sim-lathe, a machine file, or tcp://HOST:PORT of a toolmark
-    /// controller (run, live). Without it, machine.toml of the data directory where there is one.
+    /// controller (run, live, trace actions, trace end). Without it, machine.toml of the data directory where there is one.
     #[arg(long, global = true, value_name = "M", default_value = "sim")]
     pub machine: String,
     /// Seed of everything random in a simulation; the same seed and start give the same bytes.
@@ -106,7 +106,8 @@ pub enum Command {
     Rebuild(RebuildArgs),
     /// Hold an as-executed STEP-NC file against its plan; one file may hold both.
     Compare(CompareArgs),
-    /// Look into what was recorded: list jobs, show one, export its samples and events, verify that nothing was changed.
+    /// Look into what was recorded: list jobs, show one, export its samples and events, verify that nothing was changed; list and end the
+    /// synchronized actions that live in a controller.
     Trace(TraceArgs),
     /// Copy the whole data directory, or bring a copy up to date: records, programs, reports, events, with a manifest of hashes.
     #[command(after_help = BACKUP_HELP)]
@@ -260,6 +261,22 @@ pub struct TraceArgs {
 const WHERE: &str = "\
 DIR is a data directory or a backup of one [default: --data, $TOOLMARK_DATA ...]. Nothing in it is changed.";
 
+const ACTIONS_HELP: &str = "\
+DIR is a data directory or a backup of one [default: --data, $TOOLMARK_DATA ...]. Nothing in it is changed.
+An action in AUTOMATIC ends with its program. One in ALL MODES (its_mode_scope=ALL) goes on in the controller when program and run
+are over, through reset and emergency stop, until a program stops it, an operator ends it, or the machine's power goes off. On a simulated
+machine of `toolmark run` it ends with the run. The list of a controller says since when each lives, how often it has fired, and whose run
+started it; somebody else may drive the machine meanwhile.
+  toolmark trace actions --machine tcp://127.0.0.1:7450
+  toolmark trace end 3 --machine tcp://127.0.0.1:7450 --operator NAME --reason TEXT";
+
+const END_HELP: &str = "\
+Who may is decided by the operators of the data directory (level 4 or stronger); a refusal is exit 1, and a refusal and an end are
+events of its log. A run that is under way and has started the action records that it was ended by hand.
+  toolmark trace actions --machine tcp://127.0.0.1:7450
+  toolmark trace end 3 --machine tcp://127.0.0.1:7450 --operator NAME --reason TEXT
+  toolmark trace end all --machine tcp://127.0.0.1:7450";
+
 const EXPORT_HELP: &str = "\
 By its ending F is
   .csv      one line a sample, the unit in the header, numbers that read back to the same double; events in F.events.csv
@@ -290,13 +307,30 @@ pub enum TraceCommand {
         #[arg(long)]
         events: bool,
     },
-    /// The synchronized actions of a job: what they watch, how often they fired, what ended them.
-    #[command(after_help = WHERE)]
+    /// The synchronized actions of a job: what they watch, how often they fired, what ended them. With --machine tcp://HOST:PORT those that
+    /// live in a controller now.
+    #[command(
+        after_help = ACTIONS_HELP,
+        override_usage = "toolmark trace actions <JOB> [DIR]\n       toolmark trace actions --machine <tcp://HOST:PORT>"
+    )]
     Actions {
         /// The number of the job, or `last`.
-        job: String,
+        job: Option<String>,
         /// Data directory or backup.
         dir: Option<PathBuf>,
+        /// The file of a machine behind tcp:// [default: machine.toml of the data directory]; its [link] names the certificates.
+        #[arg(long, value_name = "F")]
+        machine_file: Option<PathBuf>,
+    },
+    /// End a synchronized action in all modes that lives in a controller, by its number on the list; it takes level 4.
+    #[command(after_help = END_HELP)]
+    End {
+        /// The number in `trace actions --machine`, or `all`.
+        #[arg(value_name = "NUMBER|all")]
+        which: String,
+        /// The file of a machine behind tcp:// [default: machine.toml of the data directory]; its [link] names the certificates.
+        #[arg(long, value_name = "F")]
+        machine_file: Option<PathBuf>,
     },
     /// Write a job's samples and events to a file: CSV, JSON, Parquet or MDF 4.
     #[command(after_help = EXPORT_HELP)]
@@ -391,6 +425,9 @@ pub struct ConvertArgs {
     /// Name of the project [default: the program's file name].
     #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
+    /// Write functions as the AIM's local rules have them, 'legacy function', and not as the mapping table, which toolkits follow.
+    #[arg(long)]
+    pub aim_strict: bool,
 }
 
 const EDIT_HELP: &str = "\
@@ -435,6 +472,9 @@ pub struct EditArgs {
     /// Another name.
     #[arg(long, value_name = "P=NAME")]
     pub rename: Vec<String>,
+    /// Write functions as the AIM's local rules have them, 'legacy function', and not as the mapping table, which toolkits follow.
+    #[arg(long)]
+    pub aim_strict: bool,
 }
 
 /// `toolmark plan`

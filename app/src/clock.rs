@@ -1,7 +1,7 @@
 //! The only place that reads a real clock, and the words for times.
 
 use crate::failure::Failure;
-use units::Timestamp;
+use units::{Seconds, Timestamp};
 
 /// The start of a run: what `--start` says, else now.
 ///
@@ -48,6 +48,25 @@ pub fn local(at: Timestamp) -> String {
 pub fn parse(text: &str) -> Option<Timestamp> {
     let at: jiff_std::Timestamp = text.parse().ok()?;
     i64::try_from(at.as_nanosecond()).ok().map(Timestamp)
+}
+
+/// How far the system clock was from what it is kept by, as the kernel last heard; `None` where nothing keeps it.
+#[cfg(target_os = "linux")]
+pub fn sync_offset() -> Option<Seconds> {
+    #[expect(unsafe_code, reason = "no safe wrapper of it exists in a crate that is in the house")]
+    // SAFETY: all zeros is a `timex` that asks and sets nothing; it is written during the call only and lives longer.
+    let (state, told) = unsafe {
+        let mut told: libc::timex = std::mem::zeroed();
+        (libc::adjtimex(&raw mut told), told)
+    };
+    let unit = if told.status & libc::STA_NANO != 0 { 1e-9 } else { 1e-6 };
+    (state >= 0 && told.status & libc::STA_UNSYNC == 0).then(|| Seconds(told.offset as f64 * unit))
+}
+
+/// Elsewhere nobody is asked.
+#[cfg(not(target_os = "linux"))]
+pub fn sync_offset() -> Option<Seconds> {
+    None
 }
 
 fn instant(at: Timestamp) -> jiff_std::Timestamp {

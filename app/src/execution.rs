@@ -478,10 +478,13 @@ fn execute_there(
     let never = AtomicBool::new(false);
     let found = functions_of(order)?;
     let parameters = shop::parameters(order.machine);
-    let recorder = Functions::new(&parameters, order.start, functions::known(order), &found);
+    let recorder = Functions::new(&parameters, order.start, functions::known(order), &found).on_a_machine_that_goes_on();
     let tools = functions::diameters(&order.tables).into_iter();
     let tools = tools.map(|(tool, diameter)| Load::Tool { tool, diameter });
-    let conditions = found.conditions.iter().map(|(_, compiled)| Load::from(compiled));
+    let conditions = found
+        .conditions
+        .iter()
+        .map(|(line, compiled)| Load::condition(line, compiled));
     let office = OfficeHalf::new(source, operator(order.drives), order.start, Chain::default()).with_functions(recorder);
     let (program, name) = (order.work.hash().to_string(), machine.name.clone());
     let live = match order.work {

@@ -8,7 +8,7 @@ use crate::execution::{Order, Work};
 use crate::failure::Failure;
 use crate::program::Program;
 use crate::survey::{Check, State, beforehand, with_code};
-use crate::{say, shop};
+use crate::{clock, say, shop};
 use ledger::{Action, Event, Level};
 use plan::executed::{AsExecuted, ResultValue};
 use plan::{Next, ProgramStream, Severity, Tables};
@@ -43,7 +43,19 @@ pub fn look_at(stream: &mut dyn ProgramStream, program: &Program) -> Found {
             Next::End | Next::Alarm(_) => break,
         }
     }
-    let found = survey.finish();
+    let mut found = survey.finish();
+    if let Some(step_nc) = program.step_nc() {
+        // A step of a STEP file knows its instance; a person looks for the line.
+        let unplaced = found.diagnostics.iter_mut().filter(|diagnostic| diagnostic.line == 0);
+        for diagnostic in unplaced {
+            let row = diagnostic.entity.and_then(|entity| step_nc.file().row(entity));
+            if let Some(row) = row {
+                let place = step_nc.file().position(step_nc.file().offset(row));
+                diagnostic.line = u32::try_from(place.line).unwrap_or(u32::MAX);
+                diagnostic.column = u32::try_from(place.column).unwrap_or(u32::MAX);
+            }
+        }
+    }
     if found.points.is_empty() {
         return found;
     }
@@ -129,7 +141,7 @@ pub fn known(order: &Order<'_>) -> Known {
             }
             operator
         },
-        coolant: Map::new(),
+        coolant: object(of_coolant(&machine.coolant)),
         tools: order
             .tables
             .tools
@@ -142,6 +154,7 @@ pub fn known(order: &Order<'_>) -> Known {
                     "wear_mm": tool.wear.0.xyz,
                     "diameter_mm": tool.diameter.map(|d| d.0),
                     "radius_mm": tool.diameter.map(|d| d.0 / 2.0),
+                    "usage_position": "unavailable",
                     "life_used": "unavailable",
                     "asset_id": format!("{}/T{}", machine.name, number.0),
                 });
@@ -161,16 +174,44 @@ fn of_machine(machine: &MachineFile, tables: &Tables, simulated: bool) -> Value 
         .filter(|axis| machine.axis(*axis).is_some())
         .map(|axis| axis.letter().to_ascii_uppercase().to_string())
         .collect();
+    let plate = &machine.nameplate;
+    let said = |item: &Option<String>| item.clone().unwrap_or_else(|| "unavailable".to_owned());
+    let (kind, turns) = match machine.kind {
+        store::MachineKind::Mill => ("mill", "the tool turns"),
+        store::MachineKind::Lathe => ("lathe", "the part turns"),
+    };
+    // Work offsets may be frames of any direction: the origin is what a shop calls the offset.
+    let offsets = tables
+        .work_offsets
+        .iter()
+        .map(|(name, frame)| (name.clone(), json!(frame.origin)));
+    // The time in records is the start of the run and the servo cycles since; a simulation asks no clock of the computer's.
+    let (clock, sync_offset) = if simulated {
+        ("start of the run, simulated cycles since", None)
+    } else {
+        ("system clock at the start, servo cycles since", clock::sync_offset())
+    };
     json!({
-        "model": machine.name,
-        "kind": match machine.kind { store::MachineKind::Mill => "mill", store::MachineKind::Lathe => "lathe" },
-        "brand": "unavailable",
-        "serial_number": "unavailable",
-        "control": machine.control.map(|c| c.word()),
+        "name": machine.name,
+        "model": plate.model.as_ref().unwrap_or(&machine.name),
+        "kind": kind,
+        "brand": said(&plate.brand),
+        "serial_number": said(&plate.serial_number),
+        "control": machine.control.map_or("toolmark", |c| c.word()),
+        "kinematics": format!("linear axes {}, {turns}", axes.join(" ")),
+        "clock_source": clock,
+        "sync_offset_s": sync_offset.map_or_else(|| json!("unavailable"), |offset| json!(offset.0)),
         "software": format!("toolmark {}", env!("CARGO_PKG_VERSION")),
         "axes": axes,
-        "work_offsets": tables.work_offsets.keys().collect::<Vec<_>>(),
+        "work_offsets_mm": offsets.collect::<Map<_, _>>(),
         "source": if simulated { "SIMULATED" } else { "controller" },
+    })
+}
+
+fn of_coolant(coolant: &store::Coolant) -> Value {
+    json!({
+        "product": coolant.product, "kind": coolant.kind, "concentration_percent": coolant.concentration_percent,
+        "ph": coolant.ph, "batch": coolant.batch, "filled": coolant.filled,
     })
 }
 
@@ -396,5 +437,43 @@ fn gather(data: &Map<String, Value>, found: &mut Vec<(String, f64, String, Strin
         if let Some(members) = action.as_object() {
             gather(members, found);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_record_of_a_machine_holds_its_nameplate_offsets_and_clock() {
+        let text = format!(
+            "{}\n[nameplate]\nbrand = \"Krone\"\nserial_number = \"77-1\"\n[coolant]\nproduct = \"Oil 46\"\nph = 9.0\n",
+            include_str!("../../store/machines/sim-mill.toml")
+        );
+        let machine = MachineFile::parse(&text, "m.toml").expect("a good file");
+        let mut tables = Tables::empty();
+        tables
+            .work_offsets
+            .insert("G54".to_owned(), units::Transform::shift([-500.0, -350.0, -1.5]));
+        let told = of_machine(&machine, &tables, true);
+        let expected = [
+            ("brand", json!("Krone")),
+            ("model", json!("sim-mill")),
+            ("serial_number", json!("77-1")),
+            ("control", json!("toolmark")),
+            ("kinematics", json!("linear axes X Y Z, the tool turns")),
+            ("work_offsets_mm", json!({ "G54": [-500.0, -350.0, -1.5] })),
+            ("clock_source", json!("start of the run, simulated cycles since")),
+            ("sync_offset_s", json!("unavailable")),
+        ];
+        for (key, value) in expected {
+            assert_eq!(told[key], value, "{key}");
+        }
+        assert_eq!(
+            Value::Object(object(of_coolant(&machine.coolant))),
+            json!({ "product": "Oil 46", "ph": 9.0 })
+        );
+        let real = of_machine(&machine, &tables, false);
+        assert_eq!(real["clock_source"], "system clock at the start, servo cycles since");
     }
 }

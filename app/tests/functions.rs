@@ -145,7 +145,7 @@ fn every_function_is_loaded_run_recorded_exported_posted_and_in_the_manual() {
         // The values of the recording are a table of their own, and go with an export.
         let mut loads = 0;
         store::functions::read(&place.path("out").join(store::functions::FILE), &mut |row| {
-            loads += u32::from(row.recording == "1" && row.stream == "X.LOAD");
+            loads += u32::from(row.recording == "R1" && row.stream == "X.LOAD");
         })
         .expect("readable");
         assert!(loads > 1000, "{loads}");
@@ -248,6 +248,127 @@ fn a_check_names_code_and_place_of_what_is_wrong() {
         checked.contains("odd.nc:4:19") && checked.contains("write its_label"),
         "{checked}"
     );
+}
+
+/// The bracket with these instances behind its own; `@LINE@` in them is the function that was put before `face top`.
+fn bracket_with(place: &Place, line: Option<&str>, instances: &str) -> String {
+    let corpus = repository().join("corpus/bracket.stpnc").display().to_string();
+    let edited = place.path("edited.stpnc").display().to_string();
+    let mut words = vec!["edit", &corpus, "--out", &edited];
+    words.extend(line.into_iter().flat_map(|line| ["--insert", "face top", line]));
+    let output = place.run(&words);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = std::fs::read_to_string(&edited).expect("edited");
+    let function = text.lines().rfind(|line| line.contains("MACHINING_NC_FUNCTION("));
+    let id = function.and_then(|line| line.split('=').next()).unwrap_or("#748");
+    let (before, after) = text.rsplit_once("ENDSEC;").expect("a data section");
+    place.program(
+        "typed.stpnc",
+        &format!("{before}{}ENDSEC;{after}", instances.replace("@LINE@", id)),
+    )
+}
+
+/// A typed condition `ws_time > so many seconds` of the function.
+fn typed_over(seconds: f64) -> String {
+    format!(
+        "#90000=ACTION_PROPERTY('condition','',@LINE@);\n#90001=ACTION_PROPERTY_REPRESENTATION('','',#90000,#90002);\n\
+         #90002=REPRESENTATION('',(#90003),#90009);\n#90003=EXPRESSION_ITEM_REPRESENTATION_ITEM('',#90004);\n\
+         #90004=COMPARISON_LESS((#90005,#90006));\n#90005=REAL_LITERAL({seconds:?});\n#90006=REAL_NUMERIC_VARIABLE();\n\
+         #90007=EXPRESSION_ITEM_REPRESENTATION_ITEM('trace:ws_time',#90006);\n#90009=REPRESENTATION_CONTEXT('','');\n"
+    )
+}
+
+#[test]
+fn a_typed_condition_is_the_line_s_or_takes_its_place_or_is_refused() {
+    let place = Place::new();
+    let line = |condition: &str| {
+        format!(
+            "trace:1 start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_frequency=WHEN {condition} its_actions=\"set_alarm its_alarm_id=1 its_text=late\""
+        )
+    };
+    let with_text = line("its_condition=\"ws_time > 5 s\"");
+    // The same, turned round and without unit.
+    let same = bracket_with(&place, Some(&with_text), &typed_over(5.0));
+    let checked = place.json(&["check", &same]).to_string();
+    assert!(!checked.contains("T-06"), "{checked}");
+    // Only the typed one: it fires, it is posted, and an edit keeps it.
+    let only = bracket_with(&place, Some(&line("")), &typed_over(5.0));
+    let told = place.json(&["run", &only, "--fast"]);
+    let fired = told["functions"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .find(|r| r["data"]["state"] == "fired")
+        .unwrap_or_else(|| panic!("it fires: {told:#}"));
+    assert_eq!(fired["data"]["condition"], "5 < trace:ws_time");
+    let posted = place.path("p.mpf").display().to_string();
+    place.json(&["post", &only, "--control", "siemens-840d", "--out", &posted]);
+    let text = std::fs::read_to_string(&posted).expect("posted");
+    assert!(text.contains("WHEN $AC_TIMER[1]>5 DO"), "{text}");
+    let saved = place.path("saved.stpnc").display().to_string();
+    let edited = place.run(&["edit", &only, "--out", &saved, "--disable", "wave groove"]);
+    assert!(edited.status.success());
+    let text = std::fs::read_to_string(&saved).expect("edited");
+    assert!(typed_over(5.0).lines().skip(1).all(|line| text.contains(line)));
+    // Another one.
+    let other = bracket_with(&place, Some(&with_text), &typed_over(6.0));
+    let text = std::fs::read_to_string(&other).expect("written");
+    let line = text
+        .lines()
+        .position(|line| line.contains("'extended function'"))
+        .expect("the function")
+        + 1;
+    let place_of = format!("typed.stpnc:{line}:");
+    for command in ["check", "run"] {
+        let output = place.run(&[command, &other]);
+        let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{command}: {said}");
+        for part in ["T-06", &place_of, "ws_time > 5 s", "6 < trace:ws_time"] {
+            assert!(said.contains(part), "{command}: no {part}: {said}");
+        }
+    }
+}
+
+#[test]
+fn an_assignment_to_what_is_the_machine_s_is_refused_by_check_and_run_with_its_place() {
+    let place = Place::new();
+    // First in workplan `OP10 top`, behind a condition that is not fulfilled.
+    let assignment = |variable: &str| {
+        format!(
+            "#90100=MACHINING_PROCESS_SEQUENCE_RELATIONSHIP('','',#748,#90101,0.5);\n#90101=MACHINING_PROCESS_EXECUTABLE('never','if statement','','');\n\
+             #90102=ACTION_PROPERTY('condition','',#90101);\n#90103=ACTION_PROPERTY_REPRESENTATION('','',#90102,#90104);\n\
+             #90104=REPRESENTATION('',(#90105),#90009);\n#90105=EXPRESSION_ITEM_REPRESENTATION_ITEM('',#90106);\n#90106=BOOLEAN_LITERAL(.F.);\n\
+             #90107=MACHINING_PROCESS_BRANCH_RELATIONSHIP('true branch','',#90101,#90110);\n\
+             #90110=MACHINING_PROCESS_EXECUTABLE('set the load','assignment','','');\n\
+             #90111=ACTION_PROPERTY('lvalue','',#90110);\n#90112=ACTION_PROPERTY_REPRESENTATION('','',#90111,#90113);\n\
+             #90113=REPRESENTATION('',(#90114),#90009);\n#90114=EXPRESSION_ITEM_REPRESENTATION_ITEM('{variable}',#90115);\n\
+             #90115=REAL_NUMERIC_VARIABLE();\n#90121=ACTION_PROPERTY('rvalue','',#90110);\n\
+             #90122=ACTION_PROPERTY_REPRESENTATION('','',#90121,#90123);\n#90123=REPRESENTATION('',(#90124),#90009);\n\
+             #90124=EXPRESSION_ITEM_REPRESENTATION_ITEM('',#90125);\n#90125=REAL_LITERAL(1.);\n#90009=REPRESENTATION_CONTEXT('','');\n"
+        )
+    };
+    for variable in ["sensor:X.LOAD", "trace:ws_time"] {
+        let program = bracket_with(&place, None, &assignment(variable));
+        let text = std::fs::read_to_string(&program).expect("written");
+        let line = text
+            .lines()
+            .position(|line| line.starts_with("#90110="))
+            .expect("it is there")
+            + 1;
+        for command in ["check", "run"] {
+            let output = place.run(&[command, &program]);
+            let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(1), "{command}: {said}");
+            for part in ["T-07", &format!("typed.stpnc:{line}:"), "'set the load'", variable] {
+                assert!(said.contains(part), "{command}: no {part}: {said}");
+            }
+        }
+        let jobs = place.json(&["trace", "list"]);
+        assert_eq!(jobs["jobs"].as_array().map(Vec::len), Some(0), "nothing was moved: {jobs:#}");
+    }
+    let own = bracket_with(&place, None, &assignment("LOAD_LIMIT"));
+    let output = place.run(&["check", &own]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stdout));
 }
 
 #[test]

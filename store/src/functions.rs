@@ -10,6 +10,7 @@ use arrow_array::cast::AsArray;
 use arrow_array::types::{Float64Type, Int32Type, Int64Type};
 use arrow_array::{Array, ArrayRef, Float64Array, Int32Array, Int64Array, RecordBatch, StringArray, TimestampMicrosecondArray};
 use arrow_schema::SchemaRef;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use units::{StepId, Tick, Timestamp, ToolNumber, WorkingstepId};
@@ -53,20 +54,19 @@ pub struct FunctionRow {
 
 /// The streams that rows speak of, known to both sides of the recording.
 #[derive(Clone, Debug, Default)]
-pub struct Streams(Arc<Mutex<Vec<StreamName>>>);
+pub struct Streams(Arc<Mutex<BTreeMap<u32, StreamName>>>);
 
 impl Streams {
-    /// Makes sure that the stream with a number is known; streams are numbered from 0 without gaps.
+    /// Makes sure that the stream with a number is known. They come in any order: a recording of points may have its first value long
+    /// after those that began behind it.
     pub fn know(&self, number: u32, name: impl FnOnce() -> StreamName) {
         let mut names = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if names.len() == number as usize {
-            names.push(name());
-        }
+        names.entry(number).or_insert_with(name);
     }
 
     fn of(&self, number: u32) -> Option<StreamName> {
         let names = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        names.get(number as usize).cloned()
+        names.get(&number).cloned()
     }
 }
 
@@ -236,4 +236,37 @@ pub fn read(path: &Path, each: &mut dyn FnMut(Recorded)) -> Result<(), StoreErro
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_of_streams_that_come_out_of_their_order_are_kept() {
+        let streams = Streams::default();
+        let mut rows = FunctionRows::new(Timestamp(0), Path::new("functions.parquet"), streams.clone());
+        for (tick, stream) in [(0, 2), (1, 0), (2, 2), (3, 1)] {
+            streams.know(stream, || StreamName {
+                run: stream + 1,
+                recording: "r".to_owned(),
+                stream: format!("stream {stream}"),
+                unit: String::new(),
+                derived: false,
+            });
+            rows.push(&FunctionRow {
+                tick: Tick(tick),
+                stream,
+                value: 1.0,
+                quality: machine::Quality::Good,
+                step: StepId(1),
+                workingstep: WorkingstepId(0),
+                tool: ToolNumber(0),
+            })
+            .expect("its stream is known");
+        }
+        let batch = rows.take().expect("all of it can be written");
+        let names: Vec<_> = batch.column(4).as_string::<i32>().iter().flatten().collect();
+        assert_eq!(names, ["stream 2", "stream 0", "stream 2", "stream 1"]);
+    }
 }

@@ -55,7 +55,7 @@ pub use events::Log;
 pub use holds::Hold;
 pub use jobs::{Ending, Interrupted, Job, JobId, JobState, Left, NewJob};
 pub use kept::KeptFile;
-pub use machine_file::{MachineFile, MachineKind};
+pub use machine_file::{Coolant, MachineFile, MachineKind, Nameplate};
 pub use operators::{Assignment, KeptOperator};
 pub use programs::{KnownProgram, ProgramEdit};
 pub use range::{Piece, Range, Rest, RolledUp, Rows};

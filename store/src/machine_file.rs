@@ -29,6 +29,10 @@ pub struct MachineFile {
     pub name: String,
     /// What it is.
     pub kind: MachineKind,
+    /// What stands on its nameplate.
+    pub nameplate: Nameplate,
+    /// The coolant that the shop says is in it.
+    pub coolant: Coolant,
     /// What G-code it reads; `None` when each program shows it by its own look.
     pub control: Option<Control>,
     /// Parameters of the control that decide how its programs are read, by number, or number and bit: `6001.5`, T calls O9000.
@@ -57,6 +61,35 @@ pub struct MachineFile {
     pub edited_outside: EditedOutside,
     /// What it says of loops, drives, references, spindle and cut.
     pub model: Model,
+}
+
+/// What stands on a machine's nameplate.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Nameplate {
+    /// Who made it.
+    pub brand: Option<String>,
+    /// Its model; without it the machine's name.
+    pub model: Option<String>,
+    /// Its serial number.
+    pub serial_number: Option<String>,
+}
+
+/// What the shop declares of a coolant; nothing of it is measured.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Coolant {
+    /// What it is called.
+    pub product: Option<String>,
+    /// Emulsion, oil.
+    pub kind: Option<String>,
+    /// Share of concentrate, %.
+    pub concentration_percent: Option<f64>,
+    /// pH.
+    pub ph: Option<f64>,
+    /// Batch.
+    pub batch: Option<String>,
+    /// When it was filled, as somebody wrote it down.
+    pub filled: Option<String>,
 }
 
 /// Ports and certificates of the set-point link. The certificates of a controller and of a computer that drives one are named alike.
@@ -287,6 +320,10 @@ pub(crate) fn place(text: &str, at: usize) -> (u32, u32) {
 struct Text {
     name: Spanned<String>,
     kind: Spanned<MachineKind>,
+    #[serde(default)]
+    nameplate: Nameplate,
+    #[serde(default)]
+    coolant: CoolantText,
     control: Option<Control>,
     #[serde(default)]
     control_parameters: BTreeMap<Spanned<String>, Finite>,
@@ -340,6 +377,17 @@ struct LinkText {
     certificate: Option<PathBuf>,
     key: Option<PathBuf>,
     authority: Option<PathBuf>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CoolantText {
+    product: Option<String>,
+    kind: Option<String>,
+    concentration_percent: Option<Share>,
+    ph: Option<NotNegative>,
+    batch: Option<String>,
+    filled: Option<String>,
 }
 
 #[derive(Default, Deserialize)]
@@ -438,6 +486,8 @@ checked_number!(/// TOML knows `nan` and `inf`.
     Finite, f64::is_finite, "a finite number is needed");
 checked_number!(/// A limit of 0 would be a machine that cannot move.
     Positive, |n| n.is_finite() && n > 0.0, "a finite number above 0 is needed");
+checked_number!(/// A share of the whole.
+    Share, |n| (0.0..=100.0).contains(&n), "0 to 100 is needed");
 checked_number!(/// A duration.
     NotNegative, |n| n.is_finite() && n >= 0.0, "a finite number, 0 or more, is needed");
 
@@ -560,6 +610,15 @@ impl Text {
         Ok(MachineFile {
             name,
             kind,
+            nameplate: self.nameplate,
+            coolant: Coolant {
+                product: self.coolant.product,
+                kind: self.coolant.kind,
+                concentration_percent: self.coolant.concentration_percent.map(|share| share.0),
+                ph: self.coolant.ph.map(|ph| ph.0),
+                batch: self.coolant.batch,
+                filled: self.coolant.filled,
+            },
             control: self.control,
             control_parameters,
             driver,

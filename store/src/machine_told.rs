@@ -22,6 +22,10 @@ pub struct Told {
 
 /// What a key that is left out comes to.
 pub const DEFAULTS: &[(&str, &str)] = &[
+    ("nameplate.brand", "unavailable"),
+    ("nameplate.model", "the machine's name"),
+    ("nameplate.serial_number", "unavailable"),
+    ("coolant.product", "nothing is declared of it"),
     ("control", "found out from each program, with the reason"),
     ("control_parameters", "none"),
     ("axes.x.diameter", "false"),

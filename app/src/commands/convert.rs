@@ -10,6 +10,7 @@ use crate::{files, say, shop};
 use plan::{Next, ProgramStream, Severity, StepKind, Tables};
 use serde_json::json;
 use std::collections::BTreeMap;
+use stepnc::FunctionForm;
 use stepnc::write::{ConvertError, WriteOptions};
 
 /// Runs the command.
@@ -41,6 +42,7 @@ pub fn convert(args: &ConvertArgs, common: &Common) -> Done {
         inches: in_inches(&program, &tables)?,
         turning: program.turns(),
         tables: tables.clone(),
+        functions: function_form(args.aim_strict),
     };
     let mut stream = program.stream(&tables)?;
     let file = stepnc::write::convert(&mut *stream, &options, &mut beforehand).map_err(|error| match error {
@@ -77,6 +79,15 @@ pub fn convert(args: &ConvertArgs, common: &Common) -> Done {
         ));
     }
     Ok(Exit::Good)
+}
+
+/// How functions are written.
+pub(super) fn function_form(aim_strict: bool) -> FunctionForm {
+    if aim_strict {
+        FunctionForm::AimStrict
+    } else {
+        FunctionForm::Mapping
+    }
 }
 
 /// The unit in force at the program's first move.

@@ -57,6 +57,7 @@ pub fn edit(args: &EditArgs, common: &Common) -> Done {
         let before = stepnc::Program::read(&program.name, bytes)
             .map_err(|error| Failure::unreadable(format_args!("{}: {error}", args.program.display())))?;
         let mut edits = ProgramEdits::new(&before);
+        edits.write_functions(super::convert::function_form(args.aim_strict));
         apply(&before, &mut edits, change)?;
         let saved = edits.save().map_err(|error| refused(change, error))?;
         for notice in saved.notices {

@@ -1,6 +1,7 @@
 //! `toolmark run`: check, plan, execute, record, rebuild, report.
 
 use super::check::{print, travels, worst};
+use super::trace::living;
 use super::{Done, print_json, tolerance};
 use crate::cli::{Common, LinkName, RunArgs};
 use crate::cycle_start::{self, Checked};
@@ -352,7 +353,10 @@ fn run_over_text(args: &RunArgs, program: &mut Program, common: &Common) -> Done
 }
 
 /// The file of a machine behind an address.
-fn machine_file_behind(common: &Common, file: Option<&Path>, turns: bool) -> Result<MachineFile, Failure> {
+///
+/// # Errors
+/// It cannot be read.
+pub fn machine_file_behind(common: &Common, file: Option<&Path>, turns: bool) -> Result<MachineFile, Failure> {
     if let Some(path) = file {
         return MachineFile::open(path).map_err(shop::failure);
     }
@@ -406,6 +410,7 @@ impl Driver {
         let loopback = address.resolve()?.iter().all(|a| a.ip().is_loopback());
         let client = certificates::for_connecting(&address.host, loopback, &machine.link)?;
         // Each run is a plan of its own: it begins where the machine stands now.
+        let asking = client.clone();
         let connected = Remote::connect(&address, client, name, plan_of_its_own(name)?, &shop::parameters(&machine));
         let (remote, found) = connected.map_err(|mut failure| {
             if failure.message.contains("other limits") {
@@ -422,6 +427,14 @@ impl Driver {
                 "{address} is '{}'; the plan is made for '{}', which has the same limits",
                 found.name, machine.name
             ));
+        }
+        // Said before anything moves: a machine that holds for a condition of another program is a riddle.
+        match living::left_behind(&address, asking.as_ref(), name) {
+            Ok(left) => left.iter().for_each(|left| shop::notice(left)),
+            Err(failure) => shop::notice(&format!(
+                "what earlier runs have left in the machine is not known: {}",
+                failure.message
+            )),
         }
         Ok(Driver {
             machine,

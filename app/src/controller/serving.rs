@@ -112,6 +112,9 @@ pub fn serve(
             }
             receiver.reported(report, status);
         }
+        while let Ok(lives) = ends.lives.pop() {
+            receiver.lives(now, lives);
+        }
         let lost = ends.lost_reports.load(Relaxed);
         if lost > lost_told {
             receiver.reports_lost(lost - lost_told);

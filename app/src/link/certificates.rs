@@ -24,6 +24,7 @@ struct Identity {
 pub struct Server(Arc<ServerConfig>);
 
 /// Makes the other end.
+#[derive(Clone)]
 pub struct Client {
     config: Arc<ClientConfig>,
     name: ServerName<'static>,

@@ -189,9 +189,9 @@ pub fn run<S: CommandSource, K: RecordSink>(
             office.loaded(number_of(answer).unwrap_or(Err(LoadError::Full)));
         }
         office.refill(|command| remote.push(command));
-        if !loading && let Some(compiled) = office.to_load() {
+        if !loading && let Some((line, compiled)) = office.to_load() {
             loading = true;
-            remote.load(Load::from(compiled));
+            remote.load(Load::condition(line, compiled));
         }
         office.machine_begun_anew(remote.begun_anew(), &mut seen);
         let mut wait = LOOK;

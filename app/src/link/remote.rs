@@ -383,18 +383,7 @@ impl Speaker {
     }
 
     fn connected(&self) -> Result<Socket, String> {
-        let mut last = "there is no such host".to_owned();
-        for address in &self.to {
-            let made = TcpStream::connect_timeout(address, CONNECT).and_then(|stream| {
-                let tls = self.client.as_ref().map(Client::connection).transpose()?;
-                Socket::new(stream, tls)
-            });
-            match made {
-                Ok(socket) => return Ok(socket),
-                Err(error) => last = format!("{error}: is toolmark controller running there?"),
-            }
-        }
-        Err(last)
+        dial(&self.to, self.client.as_ref())
     }
 
     /// Speaks on one connection until it ends, or the run.
@@ -425,26 +414,14 @@ impl Speaker {
 
     /// Says what is wrong where one side speaks encrypted and the other does not: in the words of the link that is only rubbish, or nothing.
     fn is_of_this_kind(&self, bytes: &[u8], over: bool) -> Result<(), Cut> {
-        let wrong = |text: &str| {
-            Err(Cut {
-                is_final: true,
-                is_kept: false,
-                text: text.to_owned(),
-            })
-        };
         if self.heard_of.is_some() {
             return Ok(());
         }
-        match &self.client {
-            None if bytes.starts_with(&TLS_ALERT) => wrong(
-                "it takes encrypted connections only: give certificate, key and authority in [link] of the machine file (--machine-file)",
-            ),
-            Some(_) if over && bytes.is_empty() => wrong(
-                "it closed the encrypted connection before it said who it is: it has no certificates itself, or does not take this \
-                 side's; what it says where it runs tells which",
-            ),
-            _ => Ok(()),
-        }
+        speaks_alike(self.client.is_some(), bytes, over).map_err(|text| Cut {
+            is_final: true,
+            is_kept: false,
+            text: text.to_owned(),
+        })
     }
 
     /// From the run to the sender, and back.
@@ -525,6 +502,42 @@ impl Speaker {
         (shared.status, shared.lost_reports, shared.machine) = (status, lost + self.not_kept, machine);
         (shared.lost_firings, shared.begun_anew) = (lost_firings, self.sender.begun_anew());
         shared.last = last.or(shared.last);
+    }
+}
+
+/// A connection to a controller.
+///
+/// # Errors
+/// Nobody is there, in words.
+pub fn dial(to: &[SocketAddr], client: Option<&Client>) -> Result<Socket, String> {
+    let mut last = "there is no such host".to_owned();
+    for address in to {
+        let made = TcpStream::connect_timeout(address, CONNECT).and_then(|stream| {
+            let tls = client.map(Client::connection).transpose()?;
+            Socket::new(stream, tls)
+        });
+        match made {
+            Ok(socket) => return Ok(socket),
+            Err(error) => last = format!("{error}: is toolmark controller running there?"),
+        }
+    }
+    Err(last)
+}
+
+/// Says what is wrong where one side speaks encrypted and the other does not, by the first bytes that came.
+///
+/// # Errors
+/// It is so, in words.
+pub fn speaks_alike(encrypted: bool, bytes: &[u8], over: bool) -> Result<(), &'static str> {
+    match encrypted {
+        false if bytes.starts_with(&TLS_ALERT) => Err(
+            "it takes encrypted connections only: give certificate, key and authority in [link] of the machine file (--machine-file)",
+        ),
+        true if over && bytes.is_empty() => Err(
+            "it closed the encrypted connection before it said who it is: it has no certificates itself, or does not take this \
+                 side's; what it says where it runs tells which",
+        ),
+        _ => Ok(()),
     }
 }
 

@@ -485,5 +485,6 @@ pub fn write_options(job: &str, client: &str, who: &str, start: units::Timestamp
             work_offsets: BTreeMap::new(),
             ..Tables::empty()
         },
+        functions: stepnc::FunctionForm::default(),
     }
 }

@@ -151,6 +151,7 @@ impl AptProgram {
                 kind: statement.major.to_lowercase(),
                 name: statement.major.to_lowercase(),
                 text: statement.rest.clone(),
+                condition: None,
                 properties: BTreeMap::new(),
             })),
             "MULTAX" => {

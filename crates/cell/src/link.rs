@@ -29,12 +29,15 @@
 //! towards realtime    receiver.urgent() and receiver.order() into two bounded queues; give_back(order) when there is no place
 //! from realtime       receiver.fired(firing)                 what fired, before the report of its cycle
 //!                     receiver.reported(report, status)      once a tick, both from the realtime thread
+//!                     receiver.lives(now, told)              what lives in the machine, when somebody has asked
 //! ```
 //!
 //! **Realtime thread**, each tick: urgent orders into [`machine::link::Follower::take_urgent`], orders into
 //! [`machine::link::Follower::take`] (one that comes back is kept, and tried again the next tick before any other), then
 //! `half.tick(now)`, [`machine::link::Follower::after_tick`], and every report with [`machine::link::Follower::status`] to the sending
-//! task, as [`machine::link::Follower::translated`] gives it.
+//! task, as [`machine::link::Follower::translated`] gives it, and a few of [`machine::link::Follower::lives`].
+//!
+//! **Who asks** what lives in the machine, or ends it, and does not drive: [`LinkAsker`], one question on a connection of its own, at any time.
 //!
 //! **Text protocol** ([`TextSender`], [`TextReceiver`]) in the same manner. Its realtime side is the machine's own queue: each
 //! [`TextOrder::Command`] into `half.push`, one that comes back is the next again; [`TextOrder::request`] of the others and each
@@ -43,6 +46,7 @@
 //!
 //! [`scaled`] makes stop tails and the way back onto the path; [`channel`] and [`world`] are the simulated wire and its faults.
 
+pub mod asking;
 pub mod channel;
 pub mod error;
 pub mod loads;
@@ -53,8 +57,10 @@ pub mod stock;
 pub mod text_receiver;
 pub mod text_sender;
 mod wire;
+pub mod words;
 pub mod world;
 
+pub use asking::{Answer, LinkAsker, Lived};
 pub use error::LinkError;
 pub use loads::{Load, number_of};
 pub use receiver::{Connection, LinkReceiver, MachineCard, Notice, ReceiverCounts};

@@ -137,26 +137,6 @@ pub struct OfficeHalf<'a, S> {
     lost_firings: u64,
 }
 
-/// Events of the control itself, which `log_nc_events` records.
-const OF_THE_CONTROL: &[&str] = &[
-    "alarm",
-    "controlled-stop",
-    "cycle-start",
-    "emergency-stop",
-    "emergency-stop-released",
-    "encoder-bridged",
-    "fault",
-    "following-warning",
-    "hold",
-    "in-position-timeout",
-    "late",
-    "off-path-stop",
-    "spindle-limited",
-    "starved",
-    "stop",
-    "stopped",
-];
-
 enum Pending {
     Step(Step),
     Alarm(Alarm),
@@ -298,8 +278,9 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
     }
 
     /// A condition that has to be loaded into the machine's watches before the program goes on: one that was not seen beforehand.
-    pub fn to_load(&self) -> Option<&Compiled> {
-        self.to_load.as_ref().map(|(_, compiled, _)| compiled)
+    /// With it the line that starts it.
+    pub fn to_load(&self) -> Option<(&str, &Compiled)> {
+        self.to_load.as_ref().map(|(line, compiled, _)| (line.as_str(), compiled))
     }
 
     /// What became of it.
@@ -467,7 +448,7 @@ impl<'a, S: CommandSource> OfficeHalf<'a, S> {
 
     fn emit(&mut self, kind: &str, step: StepId, tick: Tick, mut data: Detail, sink: &mut dyn RecordSink) {
         if let Some(recorder) = &mut self.functions
-            && OF_THE_CONTROL.contains(&kind)
+            && trace::record::CONTROL_EVENTS.contains(&kind)
         {
             recorder.control_event(kind, &data, tick, step);
         }

@@ -202,7 +202,7 @@ impl<'a, S: CommandSource> World<'a, S> {
             if !stalled(&self.config.faults, self.now) {
                 let realtime = &mut self.realtime;
                 self.office.refill(|command| realtime.push(command));
-                if let Some(compiled) = self.office.to_load() {
+                if let Some((_, compiled)) = self.office.to_load() {
                     let number = realtime.watches().load(&compiled.watch());
                     self.office.loaded(number);
                 }

@@ -587,6 +587,7 @@ fn another_plan_has_its_own_conditions_and_those_of_all_modes_act_on() {
             LoadPart::Watch {
                 frequency: Frequency::Whenever,
                 all_modes,
+                mark: number + 1,
             },
             LoadPart::Operation(Operation::Compare(x, Relation::Greater, above)),
             LoadPart::Alarm(AlarmOrder::Set {

@@ -44,6 +44,9 @@ pub(crate) fn act(
     site: Site<'_>,
     stack: &mut Stack,
 ) -> Outcome<Act> {
+    if let Some(refusal) = interpreter.awaited_by(line) {
+        return Err(refusal.at(0));
+    }
     if line.skippable {
         interpreter.decided.get_or_insert((site.number, "a block-skip switch (/)"));
     }
@@ -108,6 +111,7 @@ impl Interpreter {
                 ..
             } => {
                 let value = self.evaluated(line, *value, stack)?;
+                self.await_no_more(u32::from(*number));
                 self.memory.put(u32::from(*number), value, self.origin);
                 Ok(Act::Flow(Flow::NextBlock))
             }
@@ -233,6 +237,7 @@ impl Interpreter {
                 kind: RawNcFunction::VARIABLE_NAME.to_owned(),
                 name: "SETVN".to_owned(),
                 text: String::new(),
+                condition: None,
                 properties,
             }));
         }
@@ -292,6 +297,7 @@ impl Interpreter {
             kind: RawNcFunction::PRINT.to_owned(),
             name: if binary { "BPRNT" } else { "DPRNT" }.to_owned(),
             text: text + end,
+            condition: None,
             properties: BTreeMap::new(),
         }));
         Ok(())

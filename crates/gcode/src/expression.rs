@@ -142,6 +142,11 @@ impl Code {
         self.ops.is_empty()
     }
 
+    /// All operations of the line.
+    pub(crate) fn ops(&self) -> &[Op] {
+        &self.ops
+    }
+
     /// The operations of an expression, and their places.
     pub(crate) fn of(&self, expression: Expression) -> (&[Op], &[u32]) {
         let range = expression.first as usize..expression.end as usize;

@@ -8,6 +8,7 @@ mod codes;
 mod feed;
 mod tools;
 
+use crate::awaited::Awaited;
 use crate::block::{Block, Code, Word, set_of};
 use crate::calls::ModalCall;
 use crate::compensation::Compensation;
@@ -141,6 +142,8 @@ pub(crate) struct Interpreter {
     pub(crate) function: Option<(Origin, String)>,
     /// Functions behind a move that is held.
     pub(crate) functions: VecDeque<(Origin, StepKind)>,
+    /// Variables that functions write while the program runs, as far as nobody has asked for them.
+    pub(crate) awaited: Vec<Awaited>,
     workingstep_open: bool,
     pub program_name: String,
     pub program_number: u32,
@@ -271,6 +274,7 @@ impl Interpreter {
             comments_closed: false,
             function: None,
             functions: VecDeque::new(),
+            awaited: Vec::new(),
             workingstep_open: false,
             program_name: file.to_owned(),
             program_number: 0,
@@ -332,6 +336,7 @@ impl Interpreter {
         }
         self.memory.changes += 1;
         self.answers.insert(name.to_owned(), value);
+        self.take_awaited(name, value);
     }
 
     /// The line is done: the next one asks anew.

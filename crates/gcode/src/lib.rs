@@ -13,6 +13,7 @@
 
 mod acting;
 mod arc;
+mod awaited;
 mod block;
 mod calls;
 mod compensation;

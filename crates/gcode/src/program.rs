@@ -334,7 +334,12 @@ impl GcodeProgram {
                     text: b"",
                     number: self.here.number,
                 };
+                let of_a_function = crate::awaited::number_of(name).is_some();
                 self.interpreter.note(severity, code, site, 0, || match assumed {
+                    true if of_a_function => (
+                        format!("a function writes {name} while the program runs: here it keeps what it held"),
+                        "look at what the program does for other values".to_owned(),
+                    ),
                     true => (
                         format!("nobody answers for {name}: 0 is assumed"),
                         "look at what the program does for other values".to_owned(),
@@ -439,12 +444,8 @@ impl GcodeProgram {
         self.at_start = false;
         self.any_block = true;
         self.interpreter.close_comments();
-        self.interpreter.tell_function();
-        if waited.is_none()
-            && let Some((start, _)) = self.line.comment
-            && self.interpreter.take_function(start, site, false)
-        {
-            self.interpreter.tell_function();
+        if waited.is_none() {
+            self.interpreter.take_functions(&self.line, site);
         }
         let result = act(&mut self.interpreter, &mut self.block, &self.line, site, &mut self.stack);
         let waits = matches!(&result, Err(fault) if fault.ask.is_some());

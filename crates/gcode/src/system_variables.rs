@@ -3,6 +3,7 @@
 //! What the program itself decides (modal codes, end points, offsets) is answered at once. What only the machine knows (where it stands
 //! now, the time, signals) is asked for; the block waits and is executed again. Without a machine the program's own count serves.
 
+use crate::awaited::number_of;
 use crate::evaluate::Variables;
 use crate::fault::{Fault, Outcome, Site};
 use crate::interpretation::Stop;
@@ -71,6 +72,7 @@ impl Interpreter {
     /// Carries out `#i = value`; `end` is the byte behind the `=`.
     pub(crate) fn assign(&mut self, variable: u32, value: f64, at: usize, end: usize, site: Site<'_>) -> Outcome<()> {
         if self.memory.has(variable) {
+            self.await_no_more(variable);
             self.memory.put(variable, value, self.origin);
             return Ok(());
         }
@@ -467,6 +469,9 @@ impl Interpreter {
 
     /// What the program itself makes of a question that no machine answers, and whether that is a mere assumption.
     pub(crate) fn own_count(&self, name: &str) -> (f64, bool) {
+        if let Some(number) = number_of(name) {
+            return (self.memory.values().get(number as usize).copied().unwrap_or(VACANT), true);
+        }
         for (axis, letter) in AXES.iter().enumerate() {
             if let Some(rest) = name.strip_prefix(letter) {
                 match rest {

@@ -4,7 +4,7 @@ mod common;
 
 use common::{lathe_tables, mill_tables, open_with, run};
 use gcode::Options;
-use plan::{Place, ProgramStream, Step, StepKind};
+use plan::{Answer, Next, Place, ProgramStream, Step, StepKind};
 
 fn told(steps: &[Step]) -> Vec<String> {
     let line = |step: &Step| match step.origin.place {
@@ -145,5 +145,113 @@ fn behind_a_move_that_is_held_for_a_corner_it_is_told_behind_the_move() {
             "6 move",
         ],
         &[],
+    );
+}
+
+#[test]
+fn a_block_with_no_more_than_its_sequence_number_is_the_functions_own() {
+    check(
+        "fanuc-mill",
+        "O1\nN10 G21 G54\nN20 G0 X1.\nN30 (trace:1 start_sensor_recording its_function_id=1)\nN40 (trace:+ its_sensors=X.LOAD)\n\
+         N50 X2.\nN60 M30",
+        &[
+            "3 move",
+            "4 extended function: trace:1 start_sensor_recording its_function_id=1 its_sensors=X.LOAD",
+            "6 move",
+        ],
+        &[],
+    );
+    check(
+        "fanuc-mill",
+        "O1\nG21 G54\nWHILE [#1 LT 2] DO1\nN1 (trace:1 get_time)\nN2 (trace:+ its_label=pass)\nX#1\n#1=#1+1\nEND1\nM30",
+        &[
+            "4 extended function: trace:1 get_time its_label=pass",
+            "4 extended function: trace:1 get_time its_label=pass",
+            "6 move",
+        ],
+        &[],
+    );
+}
+
+#[test]
+fn a_contour_refuses_a_function_behind_a_number_or_words_too() {
+    for line in ["N15 (trace:1 get_time)", "G1 Z-1. (trace:1 get_time)"] {
+        let text = format!(
+            "O1\nG21 G54 G98\nG0 X50. Z2.\nG71 U1. R1.\nG71 P10 Q20 U0 W0 F100.\nN10 G0 X20.\n{line}\nG1 Z-10.\nN20 X50.\nM30"
+        );
+        check("fanuc-lathe", &text, &["3 move"], &["alarm T-12 7"]);
+    }
+}
+
+/// Moves (where they go along X), functions and questions, in order; every question is answered with `answer`.
+#[track_caller]
+fn asks(text: &str, answer: Answer, expected: &[&str]) {
+    let mut program = open_with(text.as_bytes(), "fanuc-mill", mill_tables(), Options::default()).expect("opens");
+    let (mut found, mut reply) = (Vec::new(), None);
+    loop {
+        match program.next(reply.take()) {
+            Next::Step(Step { kind, .. }) => match kind {
+                StepKind::Move(moved) => found.push(format!("x{}", moved.path.end().xyz[0])),
+                StepKind::NcFunction(function) => {
+                    let values = function.properties.iter().map(|(name, value)| format!(" {name}={value}"));
+                    found.push(format!("{}{}", function.name, values.collect::<String>()));
+                }
+                StepKind::Register(change) => found.push(format!("{:?}", change.after)),
+                _ => {}
+            },
+            Next::Ask(question) => {
+                found.push(format!("{question:?}"));
+                reply = Some(answer);
+            }
+            Next::End => break,
+            Next::Alarm(alarm) => panic!("{}", alarm.diagnostic),
+        }
+    }
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn a_line_that_uses_what_a_function_wrote_waits_for_the_machine() {
+    let text = "O1\nG21 G54\n#100=1.\n(trace:1 get_spindle_speed its_variable=#100)\nG0 X5.\nIF [#100 GT 400] GOTO 9\nX6.\nN9 X#100\nM30";
+    let function = "get_spindle_speed variable #100=1";
+    let question = "Number(\"#100\")";
+    asks(text, Answer::Number(Some(500.0)), &[function, "x5", question, "x500"]);
+    asks(text, Answer::Number(Some(7.0)), &[function, "x5", question, "x6", "x7"]);
+    // Nobody knows: it keeps what it held.
+    asks(text, Answer::Unknown, &[function, "x5", question, "x6", "x1"]);
+}
+
+#[test]
+fn nobody_waits_for_what_no_line_uses_or_the_program_writes_itself() {
+    let written = "O1\nG21 G54\n(trace:1 get_feedrate its_variable=#100)\n#101=3.\nG0 X#101\n#100=8.\nX#100\nM30";
+    asks(written, Answer::Unknown, &["get_feedrate", "x3", "x8"]);
+    let kept = "O1\nG21 G54\n(trace:1 get_feedrate its_variable=#500)\nG0 X1.\nM30";
+    // What is kept is asked for at the end, where nothing waits for it any more.
+    let answer = Answer::Number(Some(2.5));
+    asks(kept, answer, &["get_feedrate", "x1", "Number(\"#500\")", "Some(2.5)"]);
+}
+
+#[test]
+fn what_an_action_writes_is_asked_for_at_every_use() {
+    let text = "O1\nG21 G54\n(trace:1 start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_frequency=NONE)\n\
+                (trace:+ its_actions=\"get_feedrate its_variable=#100\")\nG0 X#100\nX[#100+#100]\nM30";
+    let question = "Number(\"#100\")";
+    let answer = Answer::Number(Some(2.0));
+    asks(text, answer, &["start_synchronized_action", question, "x2", question, "x4"]);
+}
+
+#[test]
+fn a_function_that_names_variables_is_told_with_their_present_values() {
+    let text = "O1\nG21 G54\n#1=4.\n#2=#0\n(trace:1 log_event its_kind=a its_values=#1,#2)\n#1=5.\nM30";
+    asks(text, Answer::Unknown, &["log_event variable #1=4"]);
+}
+
+#[test]
+fn a_function_that_writes_a_system_variable_is_refused() {
+    check(
+        "fanuc-mill",
+        "O1\nG21 G54\n(trace:1 get_feedrate its_variable=#5041)\nM30",
+        &["3 extended function: trace:1 get_feedrate its_variable=#5041"],
+        &["T-06 3:1"],
     );
 }

@@ -9,6 +9,7 @@
 //! Sessions, leases, resuming and the simulated wire are in `cell::link`; sockets are the shell's. What was decided, and why:
 //! `docs/decisions/0011-links.md`.
 
+pub mod asking;
 pub mod crc;
 pub mod follower;
 pub mod frame;
@@ -18,6 +19,7 @@ pub mod message;
 pub mod text;
 pub mod wire;
 
+pub use asking::{Asked, Lives};
 pub use follower::{Follower, Order, UrgentOrder};
 pub use frame::{FRAME, Frame, FrameError, FrameFault, FrameReader, Header, Kind, VERSION, write_frame};
 pub use loading::{LoadPart, Loaded, Loads};

@@ -4,7 +4,9 @@ use machine::link::loading::Loads;
 use machine::link::message::{BLOCK, LoadHead, LoadWhat, TAIL};
 use machine::link::{Entry, FRAME, FrameReader, Header, Kind, Loaded, Reader, Wire, Writer, write_frame};
 use machine::pad::{Mode, Notices};
-use machine::watch::{AlarmOrder, BadCondition, Firing, Frequency, LoadError, Operation, Reaction, Relation, ResetBy};
+use machine::watch::{
+    AlarmOrder, BadCondition, Firing, FiringKind, Frequency, LoadError, Operation, Reaction, Relation, ResetBy,
+};
 use machine::{
     AxisOrder, Command, CoolantOutlets, Counters, DriveMode, DriveOrders, FaultCause, Overrides, Phase, Quality, Report, Request,
     Sample, SetPoint, SpindleCommand, State, StopCause, Wait,
@@ -177,7 +179,7 @@ fn conditions_their_answers_and_firings_come_out_as_they_went_in() {
     check(&Firing {
         tick: Tick(u64::MAX),
         watch: 4095,
-        known: false,
+        kind: FiringKind::Ended,
     });
 }
 

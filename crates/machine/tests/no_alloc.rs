@@ -220,7 +220,8 @@ fn homing_jog_overrides_and_tool_changes_allocate_nothing() {
 
 #[test]
 fn the_realtime_end_of_the_link_allocates_nothing() {
-    use machine::link::{Entry, Follower, Order, Urgent, UrgentOrder};
+    use machine::link::{Entry, Follower, LoadPart, Order, Urgent, UrgentOrder};
+    use machine::watch::{Frequency, WatchOrder};
     let parameters = MachineParameters::small_machining_centre();
     let plant = Plant::new(&parameters, Point::ORIGIN, 1);
     let mut half = Box::new(RealtimeHalf::new(&parameters, plant, Quality::Simulated));
@@ -242,7 +243,23 @@ fn the_realtime_end_of_the_link_allocates_nothing() {
     let before = allocations();
     follower.take_urgent(session, &mut half);
     follower.take_urgent(UrgentOrder::Urgent(Urgent::Resume { epoch: 1, done: 0 }), &mut half);
+    for number in 0..20 {
+        let watch = LoadPart::Watch {
+            frequency: Frequency::NoKeyword,
+            all_modes: true,
+            mark: number + 1,
+        };
+        follower.take_urgent(UrgentOrder::Load(watch), &mut half);
+        follower.take_urgent(UrgentOrder::Load(LoadPart::Whole { number }), &mut half);
+        half.watches().obey(WatchOrder::Start(number as u16));
+    }
+    let mut lived = 0;
     for tick in 1..2_000u64 {
+        if tick % 100 == 50 {
+            follower.take_urgent(UrgentOrder::Living, &mut half);
+            let mark = (tick / 100) as u32;
+            follower.take_urgent(UrgentOrder::End { mark }, &mut half);
+        }
         // Blocks of ten with tails of thirty; after the hundredth the sender is gone.
         if tick % 10 == 1 && tick < 1_000 {
             assert_eq!(
@@ -270,12 +287,18 @@ fn the_realtime_end_of_the_link_allocates_nothing() {
         }
         half.tick(Tick(tick));
         follower.after_tick(&mut half);
+        while let Some(lives) = follower.lives(&mut half) {
+            std::hint::black_box(lives);
+            lived += 1;
+        }
         while let Some(report) = half.report() {
             std::hint::black_box(follower.translated(report));
         }
     }
     let count = allocations() - before;
     assert_eq!((count, follower.too_late()), (0, 0));
+    // Twenty lists of twenty, of which each end but the first takes one; with each a beginning, an end, and what became of the end.
+    assert_eq!((lived, half.watches().running()), (20 * 3 + (1..=20).sum::<i32>(), 1));
     let status = follower.status();
     assert!(status.needs_resume && status.done.is_some_and(|n| n >= 1_000), "{status:?}");
 }

@@ -432,7 +432,7 @@ fn a_stop_of_a_machine_that_only_turns_its_spindle_by_hand_stops_it() {
 
 #[test]
 fn a_card_condition_on_what_is_not_measured_is_told_as_not_known_once_and_does_not_fire() {
-    use machine::watch::{Frequency, Operation, Relation, Watch, WatchOrder, signal::signal};
+    use machine::watch::{FiringKind, Frequency, Operation, Relation, Watch, WatchOrder, signal::signal};
     use machine::{RegisterCard, Registers, registers::input, registers::register};
 
     /// A card with nothing behind it that is in order.
@@ -469,10 +469,10 @@ fn a_card_condition_on_what_is_not_measured_is_told_as_not_known_once_and_does_n
     for n in 1..200 {
         half.tick(Tick(n));
         while let Some(firing) = half.firing(Tick(n)) {
-            told.push(firing.known);
+            told.push(firing.kind);
         }
         let sample = half.report().map(|r| r.sample);
         assert!(n < 2 || sample.is_none_or(|s| s.load[0].is_nan()));
     }
-    assert_eq!(told, [false]);
+    assert_eq!(told, [FiringKind::Unknown]);
 }

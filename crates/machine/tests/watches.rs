@@ -1,8 +1,8 @@
 //! Conditions cycle by cycle: frequencies, scopes, unknown sensors, alarms and their reactions.
 
 use machine::watch::{
-    AlarmOrder, FIRINGS, Frequency, LoadError, Mode, NO_SENSOR, Operation, RESERVED, Reaction, Readings, Relation, ResetBy,
-    Situation, Watch, WatchOrder, signal,
+    AlarmOrder, FIRINGS, FiringKind, Frequency, LoadError, Mode, NO_SENSOR, Operation, RESERVED, Reaction, Readings, Relation,
+    ResetBy, Situation, Watch, WatchOrder, signal,
 };
 use machine::{MachineParameters, Phase, Sample, Watches};
 use rand_chacha::ChaCha8Rng;
@@ -44,7 +44,7 @@ impl Bench {
         let mut fired = vec![];
         while let Some(firing) = self.watches.firing() {
             assert_eq!(firing.tick, Tick(self.now));
-            if firing.known {
+            if firing.kind == FiringKind::Fired {
                 fired.push(firing.watch);
             }
         }
@@ -194,7 +194,7 @@ fn an_outage_of_a_sensor_is_told_once() {
         bench.readings.take(&sample, &bench.machine, Situation::default());
         bench.watches.cycle(sample.tick, &bench.readings, Mode::Automatic);
         while let Some(firing) = bench.watches.firing() {
-            assert!(!firing.known);
+            assert_eq!(firing.kind, FiringKind::Unknown);
             unknown.push((cycle, firing.watch));
         }
     }
@@ -374,6 +374,78 @@ fn without_room_for_all_firings_those_that_are_only_recorded_go_first_and_are_co
     assert_eq!(watches.counters().lost_firings, before + 1);
 }
 
+#[test]
+fn what_lives_keeps_its_mark_its_count_and_its_beginning_when_places_change_with_a_program() {
+    let mut bench = Bench::new();
+    let all_modes = |condition| Watch {
+        all_modes: true,
+        ..watch(Frequency::Whenever, condition)
+    };
+    let conditions = [over(10.0), over(20.0), over(30.0), over(40.0)];
+    for (n, condition) in conditions.iter().enumerate() {
+        let number = bench.watches.load(&all_modes(condition)).expect("room");
+        bench.watches.mark(number, 100 + n as u32);
+    }
+    bench.cycle(0.0, Mode::Automatic);
+    // Not the first, and not in the order of their places.
+    for number in [3, 1, 2] {
+        bench.watches.obey(WatchOrder::Start(number));
+        bench.cycle(25.0, Mode::Jog);
+    }
+    let living = |watches: &Few| {
+        let mut at = 0;
+        let mut found = Vec::new();
+        while at < watches.places() {
+            let (living, next) = watches.living(at, 2);
+            found.extend(living.map(|l| (l.mark, l.since.0, l.fired)));
+            at = next;
+        }
+        found
+    };
+    // 20 % is passed by the second from its start on.
+    assert_eq!(living(&bench.watches), [(101, 2, 2), (102, 3, 0), (103, 1, 0)]);
+    bench.watches.new_program();
+    bench.cycle(35.0, Mode::Automatic);
+    assert_eq!(living(&bench.watches), [(101, 2, 3), (102, 3, 1), (103, 1, 0)]);
+    // A mark of the new program is not one of those before; nobody has the mark 0.
+    let number = bench.watches.load(&all_modes(&conditions[0])).expect("room");
+    bench.watches.obey(WatchOrder::Start(number));
+    assert_eq!(living(&bench.watches)[3], (0, 5, 0));
+    assert_eq!(bench.watches.end(0), None);
+    bench.watches.mark(number, 104);
+    bench.watches.mark(number + 1, 105);
+    assert_eq!(bench.watches.end(102).map(|l| (l.mark, l.fired)), Some((102, 1)));
+    assert_eq!(bench.watches.end(102), None);
+    assert_eq!(bench.cycle(50.0, Mode::Automatic).1, [0], "only that of the program is told");
+    assert_eq!(living(&bench.watches), [(101, 2, 4), (103, 1, 1), (104, 5, 1)]);
+    // The next program has its places, and what was ended has none.
+    bench.watches.end(101);
+    bench.watches.new_program();
+    assert_eq!((bench.watches.running(), bench.watches.places()), (2, 2));
+    assert_eq!(living(&bench.watches), [(103, 1, 1), (104, 5, 1)]);
+    bench.watches.power_off();
+    assert_eq!(living(&bench.watches), []);
+}
+
+#[test]
+fn the_end_by_hand_is_told_even_where_firings_find_no_place() {
+    let mut bench = Bench::new();
+    let always = Watch {
+        all_modes: true,
+        ..watch(Frequency::NoKeyword, &[])
+    };
+    let number = bench.watches.load(&always).expect("room");
+    bench.watches.mark(number, 1);
+    bench.watches.obey(WatchOrder::Start(number));
+    for tick in 0..FIRINGS as u64 {
+        bench.watches.cycle(Tick(tick), &bench.readings, Mode::Automatic);
+    }
+    assert_eq!(bench.watches.counters().lost_firings, RESERVED as u64);
+    assert!(bench.watches.end(1).is_some());
+    let last = std::iter::from_fn(|| bench.watches.firing()).last().expect("firings");
+    assert_eq!((last.kind, last.tick), (FiringKind::Ended, Tick(FIRINGS as u64 - 1)));
+}
+
 /// What decided a condition last time is looked at first the next time: that may not be seen from outside.
 #[test]
 fn comparisons_that_all_have_to_hold_fire_in_every_cycle_as_the_same_condition_written_otherwise() {
@@ -435,9 +507,9 @@ fn comparisons_that_all_have_to_hold_fire_in_every_cycle_as_the_same_condition_w
             bench.watches.cycle(Tick(tick), &bench.readings, Mode::Automatic);
             let mut told = [vec![], vec![]];
             while let Some(firing) = bench.watches.firing() {
-                told[usize::from(firing.watch % 2)].push((firing.watch / 2, firing.known));
-                fired += usize::from(firing.known);
-                unknown += usize::from(!firing.known);
+                told[usize::from(firing.watch % 2)].push((firing.watch / 2, firing.kind));
+                fired += usize::from(firing.kind == FiringKind::Fired);
+                unknown += usize::from(firing.kind == FiringKind::Unknown);
             }
             assert_eq!(told[0], told[1], "cycle {tick}, {values:?}");
         }

@@ -19,6 +19,7 @@ pub mod path;
 pub mod step;
 pub mod stream;
 pub mod tables;
+pub mod written;
 
 pub use diagnostic::{Alarm, Diagnostic, Diagnostics, Severity};
 pub use expression::{Expression, Value};

@@ -3,6 +3,7 @@
 //! Places are tool-tip points in the set-up frame ([`units::Setup`]); lathe X is a radius. Speeds are per second, spindle speeds per
 //! minute. A step never carries text that a later stage has to parse, except [`RawNcFunction`], whose meaning belongs to `trace`.
 
+use crate::expression::Expression;
 use crate::path::Path;
 use std::collections::BTreeMap;
 use units::{Machine, Millimetres, MmPerSec, Radians, Rpm, Seconds, Setup, StepId, ToolNumber, Transform, Vector};
@@ -435,7 +436,7 @@ pub enum StopKind {
 }
 
 /// A function as the program spells it. Its meaning belongs to the crate that knows the vocabulary; unknown ones are kept and shown.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct RawNcFunction {
     /// The kind as the file names it: `extended function`, `exchange pallet`, ...
     pub kind: String,
@@ -443,6 +444,8 @@ pub struct RawNcFunction {
     pub name: String,
     /// Its text line, for extended functions: `trace:1 get_time ...`.
     pub text: String,
+    /// The condition that the file has as an expression beside the line, or why it cannot be read.
+    pub condition: Option<Result<Expression, String>>,
     /// Other named data.
     pub properties: BTreeMap<String, String>,
 }

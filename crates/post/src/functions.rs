@@ -176,14 +176,19 @@ impl Posting<'_, '_> {
             );
             return Ok(());
         }
-        match trace::parse(&raw.text) {
-            Ok(function) => self.traced(&function),
-            Err(found) => Err(Refusal::new(
-                "trace-line",
-                format!("a function cannot be read: {found}"),
-                "correct the line",
-            )),
+        for read in trace::functions_of(raw) {
+            match read {
+                Ok(function) => self.traced(&function)?,
+                Err(found) => {
+                    return Err(Refusal::new(
+                        "trace-line",
+                        format!("a function cannot be read: {found}"),
+                        "correct the line",
+                    ));
+                }
+            }
         }
+        Ok(())
     }
 
     /// Posts a function and takes down its grade.

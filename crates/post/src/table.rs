@@ -52,6 +52,7 @@ pub fn program_of(lines: &[&str]) -> Box<dyn StructuredProgram> {
             kind: "extended function".to_owned(),
             name: String::new(),
             text: (*line).to_owned(),
+            condition: None,
             properties: Default::default(),
         })
     }));

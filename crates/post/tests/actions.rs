@@ -42,6 +42,7 @@ fn a_value_of_the_cycle_is_compared_with_what_the_program_worked_out_before() {
     check("WS_TIME > TIME_LIMIT", Some("$AC_TIMER[1]>R1"));
     // The value of the cycle stands on the left.
     check("TIME_LIMIT < WS_TIME", Some("$AC_TIMER[1]>R1"));
+    check("3600 s < WS_TIME", Some("$AC_TIMER[1]>3600"));
     check("WS_TIME > 2 * TIME_LIMIT", Some("$AC_TIMER[1]>(2*R1)"));
     check(
         "WS_TIME > TIME_LIMIT and X.LOAD >= 80 %",

@@ -158,6 +158,7 @@ fn names_that_would_end_a_comment_or_a_program_do_not() {
             kind: name.to_owned(),
             name: name.to_owned(),
             text: name.to_owned(),
+            condition: None,
             properties: BTreeMap::new(),
         }));
         let quoted = name.replace('"', "\"\"");
@@ -166,6 +167,7 @@ fn names_that_would_end_a_comment_or_a_program_do_not() {
                 kind: "extended function".to_owned(),
                 name: String::new(),
                 text: format!("trace:1 log_event its_kind=note its_text=\"{quoted}\""),
+                condition: None,
                 properties: BTreeMap::new(),
             }));
         }

@@ -42,6 +42,7 @@ fn condition() -> Flow {
 
 fn line(text: &str) -> Part {
     step(StepKind::NcFunction(RawNcFunction {
+        condition: None,
         kind: "extended function".to_owned(),
         name: String::new(),
         text: format!("trace:1 {text}"),

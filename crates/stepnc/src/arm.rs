@@ -525,6 +525,7 @@ impl Reader<'_> {
                 _ => keyword.to_lowercase().replace('_', " "),
             },
             text: String::new(),
+            condition: None,
             properties: BTreeMap::new(),
         };
         match (keyword, arguments.get(1)) {

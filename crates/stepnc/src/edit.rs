@@ -12,6 +12,7 @@ mod feeds;
 mod owners;
 mod places;
 
+use crate::function_form::FunctionForm;
 use crate::model::{ExecutableKind, Program};
 use crate::select::{Part, Spot};
 use owners::Removal;
@@ -84,6 +85,7 @@ pub struct ProgramEdits<'p> {
     technologies: BTreeMap<(u64, u64), u64>,
     /// The context of representations without units, when one had to be made.
     context: Option<u64>,
+    functions: FunctionForm,
     notices: Vec<String>,
 }
 
@@ -95,8 +97,14 @@ impl<'p> ProgramEdits<'p> {
             edits: Edits::new(program.file()),
             technologies: BTreeMap::new(),
             context: None,
+            functions: FunctionForm::default(),
             notices: Vec::new(),
         }
+    }
+
+    /// Functions that are inserted from here on are written in this form.
+    pub fn write_functions(&mut self, form: FunctionForm) {
+        self.functions = form;
     }
 
     /// Enables or disables an executable.
@@ -246,7 +254,7 @@ impl<'p> ProgramEdits<'p> {
         let (parent, before) = self.target(Part::Executable(0), at)?;
         let sequence = self.number_before(parent, SEQUENCE, before)?;
         let (kind, texts) = match what {
-            Insert::Function(text) => ("extended function", Some(("description", text))),
+            Insert::Function(text) => (self.functions.kind(), Some((self.functions.property(), text))),
             Insert::Message(text) => ("display message", Some(("message text", text))),
             Insert::ProgramStop => ("program stop", None),
             Insert::OptionalStop => ("optional stop", None),

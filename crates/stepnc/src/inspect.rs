@@ -142,6 +142,7 @@ fn condition_of(executable: &Executable) -> Option<String> {
     match &executable.kind {
         ExecutableKind::If { condition, .. } | ExecutableKind::While { condition, .. } => Some(said(condition)),
         ExecutableKind::Assignment { variable, value } => Some(format!("{variable} = {}", said(value))),
+        ExecutableKind::Function(function) => function.condition.as_ref().map(said),
         _ => None,
     }
 }

@@ -47,6 +47,7 @@ mod date;
 pub mod dimensions;
 pub mod edit;
 mod expression;
+mod function_form;
 pub mod inspect;
 pub mod levels;
 pub mod model;
@@ -59,6 +60,7 @@ pub mod twin;
 mod unit;
 pub mod write;
 
+pub use function_form::FunctionForm;
 pub use model::{
     Dwell, Executable, ExecutableKind, Feature, FeedSetting, Fixture, Function, MachineFunctions, Operation, Program, Project,
     Setup, SpindleSetting, Technology, Tool, Toolpath, ToolpathKind, TwinFacts,

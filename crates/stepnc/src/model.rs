@@ -139,12 +139,14 @@ pub enum ExecutableKind {
 }
 
 /// A function of the control (MACHINING_NC_FUNCTION).
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Function {
     /// The kind as the file names it: `display message`, `extended function` ...
     pub kind: String,
     /// The text of a message or of an extended function; empty otherwise.
     pub text: String,
+    /// Its property `condition`: an expression, or why it cannot be read.
+    pub condition: Option<Result<Expression, String>>,
     /// Other named data.
     pub properties: BTreeMap<String, String>,
 }

@@ -429,6 +429,19 @@ impl<'s> Walker<'s> {
                 "open a STEP-NC file with a project or a workplan",
             ));
         };
+        // Also where only the machine decides whether the program comes by: it is known now, and nothing has moved.
+        let mut found = None;
+        program.walk(project.main_workplan, &mut |executable, enabled| {
+            if let ExecutableKind::Assignment { variable, .. } = &executable.kind
+                && enabled
+                && is_of_the_machine(variable)
+            {
+                found.get_or_insert_with(|| writes_the_machine(executable, variable));
+            }
+        });
+        if let Some(fault) = found {
+            return Err(fault);
+        }
         self.begin(Level::Program, project.id.unwrap_or(0), &project.name, None);
         if self.run.structured {
             self.say_initial_values();
@@ -547,14 +560,8 @@ impl<'s> Walker<'s> {
                         EXPRESSION_REMEDY,
                     );
                 }
-                // Such a name is bound to a sensor or a value of the machine (`traceability_functions.md`).
-                let small = variable.to_ascii_lowercase();
-                if small.starts_with("sensor:") || small.starts_with("trace:") {
-                    return unsupported(
-                        "T-07",
-                        format!("'{}' writes {variable}, which is the machine's", executable.name),
-                        "give a variable of the program",
-                    );
+                if is_of_the_machine(variable) {
+                    return Err(writes_the_machine(executable, variable));
                 }
                 if self.run.structured {
                     let variable = variable.clone();
@@ -836,15 +843,23 @@ impl<'s> Walker<'s> {
                 );
                 self.say(id, StepKind::ToolOffset(ToolOffset::NONE));
             }
-            _ => self.say(
-                id,
-                StepKind::NcFunction(RawNcFunction {
-                    kind: function.kind.clone(),
-                    name: executable.name.clone(),
-                    text: function.text.clone(),
-                    properties: self.properties_of(function),
-                }),
-            ),
+            _ => {
+                let properties = self.properties_of(function);
+                // From here on only the machine knows what the function writes: a condition asks for it.
+                for variable in plan::written::written(&function.text) {
+                    self.run.variables.remove(&variable.name);
+                }
+                self.say(
+                    id,
+                    StepKind::NcFunction(RawNcFunction {
+                        kind: function.kind.clone(),
+                        name: executable.name.clone(),
+                        text: function.text.clone(),
+                        condition: function.condition.clone(),
+                        properties,
+                    }),
+                );
+            }
         }
         Ok(None)
     }
@@ -855,12 +870,17 @@ impl Walker<'_> {
     /// program that is told with both ways of its branches has no present.
     fn properties_of(&self, function: &Function) -> BTreeMap<String, String> {
         let mut all = function.properties.clone();
-        if function.text.starts_with("trace:") && !self.run.structured {
+        let ours = function
+            .text
+            .get(..6)
+            .is_some_and(|start| start.eq_ignore_ascii_case("trace:"));
+        if ours && !self.run.structured {
+            let typed = function.condition.as_ref().and_then(|condition| condition.as_ref().ok());
             let named = self
                 .run
                 .variables
                 .iter()
-                .filter(|(name, _)| function.text.contains(name.as_str()));
+                .filter(|(name, _)| function.text.contains(name.as_str()) || typed.is_some_and(|typed| names(typed, name)));
             all.extend(named.map(|(name, value)| (format!("{}{name}", RawNcFunction::VARIABLE), value.to_string())));
         }
         all
@@ -868,6 +888,21 @@ impl Walker<'_> {
 }
 
 const EXPRESSION_REMEDY: &str = "use comparisons and arithmetic over numbers and named variables";
+
+/// Such a name is bound to a sensor or to a value of the machine (`docs/functions.md`).
+fn is_of_the_machine(variable: &str) -> bool {
+    let small = variable.trim_start().to_ascii_lowercase();
+    small.starts_with("sensor:") || small.starts_with("trace:")
+}
+
+fn writes_the_machine(executable: &Executable, variable: &str) -> Fault {
+    Fault::new(
+        executable.id,
+        "T-07",
+        format!("'{}' writes {variable}, which is the machine's", executable.name),
+        "give a variable of the program",
+    )
+}
 
 /// The expression with the variables that the program itself has given values.
 fn substitute(expression: &Expression, variables: &BTreeMap<String, f64>) -> Expression {
@@ -881,6 +916,16 @@ fn substitute(expression: &Expression, variables: &BTreeMap<String, f64>) -> Exp
         Expression::Negate(inner) => Expression::Negate(inside(inner)),
         Expression::Binary(operator, left, right) => Expression::Binary(*operator, inside(left), inside(right)),
         Expression::Number(..) | Expression::Truth(_) => expression.clone(),
+    }
+}
+
+/// True when an expression has this name in it.
+fn names(expression: &Expression, wanted: &str) -> bool {
+    match expression {
+        Expression::Name(name) => name == wanted,
+        Expression::Not(inner) | Expression::Negate(inner) => names(inner, wanted),
+        Expression::Binary(_, left, right) => names(left, wanted) || names(right, wanted),
+        Expression::Number(..) | Expression::Truth(_) => false,
     }
 }
 

@@ -14,11 +14,13 @@
 //! [`Written::notices`].
 
 mod curve;
+mod expression;
 mod path;
 mod sheet;
 mod tools;
 mod workplans;
 
+use crate::function_form::FunctionForm;
 use part21::text::encode;
 use plan::{
     Alarm, Answer, CoolantState, Feed, FrameChange, Level, MachineMove, Move, Next, Path, PathMode, ProgramStream, Question,
@@ -53,6 +55,8 @@ pub struct WriteOptions {
     pub turning: bool,
     /// The machine whose offsets the program is read with.
     pub tables: Tables,
+    /// How functions of the program stand in it.
+    pub functions: FunctionForm,
 }
 
 /// A new file.
@@ -308,14 +312,37 @@ impl<'o> Writer<'o> {
                 let text = BTreeMap::from([("message text", text)]);
                 self.function("message", "display message", &text);
             }
-            StepKind::Stop(StopKind::Program) => self.function("program stop", "program stop", &BTreeMap::new()),
-            StepKind::Stop(StopKind::Optional) => self.function("optional stop", "optional stop", &BTreeMap::new()),
+            StepKind::Stop(StopKind::Program) => {
+                self.function("program stop", "program stop", &BTreeMap::new());
+            }
+            StepKind::Stop(StopKind::Optional) => {
+                self.function("optional stop", "optional stop", &BTreeMap::new());
+            }
             StepKind::Register(change) => {
                 self.registers.insert(change.register.name());
             }
-            StepKind::NcFunction(RawNcFunction { kind, name, text, .. }) => {
+            StepKind::NcFunction(RawNcFunction {
+                kind,
+                name,
+                text,
+                condition,
+                ..
+            }) => {
                 let name = if name.is_empty() { kind } else { name };
-                self.function(&name, "extended function", &BTreeMap::from([("description", text)]));
+                let form = self.options.functions;
+                let id = self.function(&name, form.kind(), &BTreeMap::from([(form.property(), text)]));
+                match condition {
+                    Some(Ok(condition)) => {
+                        let representation = self.sheet.condition(&condition);
+                        self.sheet.property(id, "condition", representation);
+                    }
+                    Some(Err(why)) => {
+                        self.notices.insert(format!(
+                            "the typed condition of '{name}' cannot be read and is left out: {why}"
+                        ));
+                    }
+                    None => {}
+                }
             }
         }
         Ok(())
@@ -366,7 +393,7 @@ impl<'o> Writer<'o> {
         }
     }
 
-    fn function(&mut self, name: &str, kind: &str, properties: &BTreeMap<&str, String>) {
+    fn function(&mut self, name: &str, kind: &str, properties: &BTreeMap<&str, String>) -> u64 {
         self.close_path();
         // What stands still at a stop has to be told before it.
         let now = (self.technology(None), self.conditions(false));
@@ -387,6 +414,7 @@ impl<'o> Writer<'o> {
         }
         let base = self.base();
         self.children.push((base, id));
+        id
     }
 
     /// The set-up in force, and by how much the frame is shifted in it.

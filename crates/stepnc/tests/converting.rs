@@ -6,7 +6,7 @@ use plan::tables::Offset;
 use plan::{Answer, MemorySource, NoOtherFiles, ProgramStream, Question, StepKind, Tables, ToolEntry};
 use std::sync::Arc;
 use stepnc::write::{WriteOptions, convert};
-use stepnc::{Program, StepNcStream, StreamOptions};
+use stepnc::{FunctionForm, Program, StepNcStream, StreamOptions};
 use units::{Machine, Millimetres, MmPerSec, MmPerSec2, MmPerSec3, Point, Setup, Timestamp, ToolNumber, Transform, Vector};
 
 fn gcode(text: &str, profile: &str, tables: &Tables) -> gcode::GcodeProgram {
@@ -24,6 +24,10 @@ fn no_machine(question: &Question) -> Answer {
 }
 
 fn written(text: &str, profile: &str, tables: &Tables) -> Program {
+    written_as(text, profile, tables, FunctionForm::Mapping)
+}
+
+fn written_as(text: &str, profile: &str, tables: &Tables, functions: FunctionForm) -> Program {
     let mut stream = gcode(text, profile, tables);
     let options = WriteOptions {
         name: "part".into(),
@@ -34,6 +38,7 @@ fn written(text: &str, profile: &str, tables: &Tables) -> Program {
         inches: text.contains("G20"),
         turning: stream.profile().turning,
         tables: tables.clone(),
+        functions,
     };
     let file = convert(&mut stream, &options, &mut no_machine).expect("it can be written");
     let program = Program::read("part.stpnc", file.bytes).expect("a Part 21 file");
@@ -301,4 +306,56 @@ fn the_remaining_time_of_the_corpus_is_known_to_2_percent_after_a_tenth() {
         }
         assert!(worst < 0.02, "{name}: {:.2} % off", 100.0 * worst);
     }
+}
+
+#[test]
+fn functions_are_written_by_the_mapping_table_or_by_the_local_rule_and_read_alike() {
+    let text = "G21 G90 G54\nG0 X1.\n(trace:1 get_time its_label=\"a %28b%29\")\n(trace:1 do_as_the_shop_knows x=1)\nG1 X5. F100.\nM30\n";
+    let tables = Tables::empty();
+    let told = |program: Program| {
+        let mut stream = stepnc(program, &tables);
+        let mut found = Vec::new();
+        loop {
+            match stream.next(None) {
+                plan::Next::Step(step) => found.extend(match step.kind {
+                    StepKind::NcFunction(function) => Some(function.text),
+                    _ => None,
+                }),
+                _ => return found,
+            }
+        }
+    };
+    let forms = [
+        (FunctionForm::Mapping, "'extended function'", "ACTION_PROPERTY('description',"),
+        (
+            FunctionForm::AimStrict,
+            "'legacy function'",
+            "ACTION_PROPERTY('function text',",
+        ),
+    ];
+    for (form, kind, property) in forms {
+        let program = written_as(text, "fanuc-mill", &tables, form);
+        let bytes = String::from_utf8_lossy(program.file().bytes()).into_owned();
+        assert_eq!(
+            (bytes.matches(kind).count(), bytes.matches(property).count()),
+            (2, 2),
+            "{form:?}"
+        );
+        assert_eq!(
+            told(program),
+            ["trace:1 get_time its_label=\"a (b)\"", "trace:1 do_as_the_shop_knows x=1"]
+        );
+    }
+}
+
+#[test]
+fn an_inserted_function_is_written_by_the_local_rule_when_that_is_asked() {
+    let program = written("G21 G90 G54\nG0 X1.\nG1 X5. F100.\nM30\n", "fanuc-mill", &Tables::empty());
+    let part = stepnc::select::select(&program, "part.nc").expect("there");
+    let mut edits = stepnc::edit::ProgramEdits::new(&program);
+    edits.write_functions(FunctionForm::AimStrict);
+    edits.insert_function(part, "now", "trace:1 get_time").expect("has a place");
+    let saved = edits.save().expect("saved").bytes;
+    let text = String::from_utf8_lossy(&saved);
+    assert!(text.contains("MACHINING_NC_FUNCTION('now','legacy function','','')") && text.contains("('function text',"));
 }

@@ -6,13 +6,18 @@ mod common;
 #[path = "express/schema.rs"]
 mod schema;
 
-use plan::{Answer, MemorySource, NoOtherFiles, Question, Tables};
+use plan::expression::Operator;
+use plan::{
+    Answer, Diagnostic, Expression, FileId, MemorySource, Next, NoOtherFiles, Origin, Place, ProgramStream, Question,
+    RawNcFunction, Step, StepKind, Tables,
+};
 use schema::Schema;
+use std::collections::BTreeMap;
 use stepnc::Program;
 use stepnc::edit::{Insert, ProgramEdits, Target};
 use stepnc::select::select;
 use stepnc::write::{WriteOptions, convert};
-use units::{MmPerSec, Timestamp};
+use units::{MmPerSec, StepId, Timestamp};
 
 #[expect(
     clippy::disallowed_methods,
@@ -35,22 +40,26 @@ fn check(schema: &Schema, bytes: Vec<u8>, what: &str) {
     assert!(found.is_empty(), "{what}: {}", found.join("\n"));
 }
 
-fn converted(text: &str, profile: &str, inches: bool) -> Vec<u8> {
-    let profile = gcode::profile::by_name(profile).expect("it is known");
-    let source = Box::new(MemorySource(text.as_bytes().to_vec()));
-    let tables = Tables::empty();
-    let options = gcode::Options::default();
-    let program = gcode::GcodeProgram::open(source, "part.nc", profile, Box::new(NoOtherFiles), tables.clone(), options);
-    let options = WriteOptions {
+fn write_options(inches: bool, turning: bool) -> WriteOptions {
+    WriteOptions {
         name: "Teil 'ä' / \\ ☃".into(),
         made_from: "part.nc".into(),
         written: Timestamp(0),
         author: "it's me".into(),
         writer: "toolmark".into(),
         inches,
-        turning: profile.turning,
-        tables,
-    };
+        turning,
+        tables: Tables::empty(),
+        functions: stepnc::FunctionForm::Mapping,
+    }
+}
+
+fn converted(text: &str, profile: &str, inches: bool) -> Vec<u8> {
+    let profile = gcode::profile::by_name(profile).expect("it is known");
+    let source = Box::new(MemorySource(text.as_bytes().to_vec()));
+    let options = gcode::Options::default();
+    let program = gcode::GcodeProgram::open(source, "part.nc", profile, Box::new(NoOtherFiles), Tables::empty(), options);
+    let options = write_options(inches, profile.turning);
     let mut answer = |question: &Question| match question {
         Question::OptionalStop => Answer::Truth(false),
         _ => Answer::Unknown,
@@ -75,6 +84,66 @@ fn what_is_converted_holds_against_the_long_form() {
     }
     let odd = "G20 G90 G54\nT7 M6 (M8 TAP)\nG43 H3 Z1.\nS500 M3\nM7\nG61\nG1 Z-.5 F9.\nG2 X0 Y0 Z-1. I-.5 J0\nG4 P1000\nM19\nM0\nM1\nG55\nG0 X5.\nG52 X1.\nG0 X3.\nM30\n";
     check(&schema, converted(odd, "fanuc-mill", true), "odd");
+}
+
+/// A program of one step.
+struct Told(Option<StepKind>);
+
+impl ProgramStream for Told {
+    fn next(&mut self, _: Option<Answer>) -> Next {
+        match self.0.take() {
+            Some(kind) => Next::Step(Step {
+                id: StepId(1),
+                origin: Origin {
+                    file: FileId(0),
+                    place: Place::Given,
+                },
+                kind,
+            }),
+            None => Next::End,
+        }
+    }
+    fn rewind(&mut self) {}
+    fn diagnostics(&self) -> &[Diagnostic] {
+        &[]
+    }
+    fn file_name(&self, _: FileId) -> &str {
+        "given"
+    }
+}
+
+#[test]
+fn a_typed_condition_holds_against_the_long_form() {
+    let Some(schema) = long_form() else { return };
+    let name = |text: &str| Box::new(Expression::Name(text.into()));
+    let number = |number: f64| Box::new(Expression::Number(number, None));
+    let two = |operator, left, right| Box::new(Expression::Binary(operator, left, right));
+    let negated = Box::new(Expression::Negate(name("Y.LOAD")));
+    let mut all = Box::new(Expression::Not(name("trace:alarm[3]")));
+    for relation in [
+        Operator::Equal,
+        Operator::NotEqual,
+        Operator::Less,
+        Operator::LessOrEqual,
+        Operator::Greater,
+        Operator::GreaterOrEqual,
+    ] {
+        all = two(Operator::And, all, two(relation, name("X.LOAD"), number(-1.5)));
+    }
+    for reckoning in [Operator::Add, Operator::Subtract, Operator::Multiply, Operator::Divide] {
+        let sum = two(reckoning, name("X.LOAD"), negated.clone());
+        all = two(Operator::Or, all, two(Operator::Less, sum, number(3.0)));
+    }
+    all = two(Operator::Xor, all, Box::new(Expression::Truth(true)));
+    let mut stream = Told(Some(StepKind::NcFunction(RawNcFunction {
+        kind: RawNcFunction::EXTENDED.into(),
+        name: "watch".into(),
+        text: "trace:1 start_synchronized_action its_id=1 its_mode_scope=ALL its_frequency=WHEN its_actions=get_time".into(),
+        condition: Some(Ok(*all)),
+        properties: BTreeMap::new(),
+    })));
+    let file = convert(&mut stream, &write_options(false, false), &mut |_| Answer::Unknown).expect("it can be written");
+    check(&schema, file.bytes, "typed");
 }
 
 #[test]

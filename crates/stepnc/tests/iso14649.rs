@@ -278,3 +278,27 @@ fn control_structures_ask_for_what_only_the_machine_knows() {
     "#]]
     .assert_eq(&shown);
 }
+
+#[test]
+fn what_a_function_writes_is_the_machines_until_the_program_assigns_it_again() {
+    let program = read(&explicit(
+        "#101,#102,#103,#102",
+        "#101=EXTENDED_NC_FUNCTION('read','trace:1 get_spindle_speed its_variable=SPEED');\n\
+         #102=IF_STATEMENT('fast?',#104,#120,#121);\n#104=COMPARISON_GREATER(#110,#111);\n#110=NC_VARIABLE('SPEED',1.5);\n\
+         #111=NC_CONSTANT('TWO',2.);\n#103=ASSIGNMENT('set',#110,#112);\n#112=NC_CONSTANT('ONE',1.);\n\
+         #120=DISPLAY_MESSAGE('fast','fast');\n#121=DISPLAY_MESSAGE('slow','slow');",
+    ));
+    let text = steps(program, StreamOptions::default(), 100, |question| match question {
+        Question::Condition(_) => Answer::Truth(true),
+        _ => Answer::Unknown,
+    });
+    let shown: Vec<&str> = text
+        .lines()
+        .filter(|line| line.contains("ask") || line.contains("Message"))
+        .collect();
+    expect![[r#"
+        ask Condition(Binary(Greater, Name("SPEED"), Number(2.0, None))) -> Truth(true)
+        4 #120 Message("fast")
+        5 #121 Message("slow")"#]]
+    .assert_eq(&shown.join("\n"));
+}

@@ -177,7 +177,7 @@ fn variables_decide_alone_and_sensors_are_asked_for() {
         5 #180 Message("again")
         ask Condition(Binary(And, Binary(Greater, Number(2.0, None), Number(1.0, None)), Binary(Less, Name("X.LOAD"), Number(2.0, None)))) -> Truth(false)
         ask OptionalStop -> Truth(false)
-        6 #110 NcFunction(RawNcFunction { kind: "extended function", name: "tell", text: "trace:1 get_time", properties: {} })
+        6 #110 NcFunction(RawNcFunction { kind: "extended function", name: "tell", text: "trace:1 get_time", condition: None, properties: {} })
         7 #100 End(Workplan)
         8 - End(Program)
         end

@@ -180,3 +180,19 @@ fn entities_have_short_names() {
         expect!["warning: own.stpnc:58:1: #300: CRTPNT is the short name of an entity; export with the long names of entities"],
     );
 }
+
+#[test]
+fn broadcasts_of_the_next_edition_are_named_and_not_passed_over_in_silence() {
+    let mut text = String::from_utf8(one_path(CURVE, 7).file().bytes().to_vec()).expect("it is ASCII");
+    let end = text.rfind("ENDSEC;").expect("it has an end");
+    text.insert_str(
+        end,
+        "#400=MACHINING_BROADCAST_STRATEGY('loads','time','','');\n#401=MACHINING_BROADCAST_STRATEGY('tool','count','','');\n",
+    );
+    let program = Program::read("own.stpnc", text.into_bytes()).expect("a Part 21 file");
+    let said: Vec<String> = program.diagnostics().iter().map(ToString::to_string).collect();
+    let named = said
+        .iter()
+        .filter(|line| line.contains("a broadcast is of the draft of edition 4") && line.contains("(2 times)"));
+    assert_eq!(named.count(), 1, "{said:?}");
+}

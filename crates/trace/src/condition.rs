@@ -211,6 +211,7 @@ impl Parser {
             }
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
             Some(c) if c.is_alphabetic() || c == '_' => self.name(),
+            Some('#') => self.variable_of_g_code(),
             _ => self.expected("a number, a sensor, a predefined value, 'not' or '('"),
         };
         self.depth -= 1;
@@ -331,6 +332,28 @@ impl Parser {
         })
     }
 
+    /// `#100`: its value changes with the blocks, and the machine that checks the condition in every cycle does not know it.
+    fn variable_of_g_code(&self) -> Read {
+        let rest = &self.characters[self.at + 1..];
+        let length = match rest.first() {
+            Some(c) if c.is_ascii_digit() => rest.iter().take_while(|c| c.is_ascii_digit()).count(),
+            Some(open @ ('<' | '[')) => {
+                let close = if *open == '<' { '>' } else { ']' };
+                rest.iter().position(|c| *c == close).map_or(rest.len(), |at| at + 1)
+            }
+            _ => return self.expected("the number of a variable behind the #"),
+        };
+        let variable: String = rest[..length].iter().collect();
+        fault(
+            "T-06",
+            self.column(),
+            format!("#{variable} is a variable of the program, which the machine does not know in the cycle of the condition"),
+            "write numbers, sensors as X.LOAD, aliases as coolant_pressure, ws_time, op_time, prog_time, mode, tool, feed_override, \
+             path_deviation, and alarm[1] to alarm[999]; a STEP-NC program may name a variable, which has the value it has where the action is \
+             started",
+        )
+    }
+
     /// True when the word or sign stands here; a word only as a whole.
     fn stands(&self, word: &str) -> bool {
         let end = self.at + word.len();
@@ -447,6 +470,19 @@ mod tests {
         );
         check("a < b < c", "7: one comparison follows another");
         check("1.2.3 > a", "1: '1.2.3' is no number");
+        check(
+            "#100 > 5",
+            "1: #100 is a variable of the program, which the machine does not know in the cycle of the condition",
+        );
+        check(
+            "X.LOAD > #[#1+2]",
+            "10: #[#1+2] is a variable of the program, which the machine does not know in the cycle of the condition",
+        );
+        check(
+            "#<limit> > 1",
+            "1: #<limit> is a variable of the program, which the machine does not know in the cycle of the condition",
+        );
+        check("#", "1: expected the number of a variable behind the #, found '#'");
         check("and > 1", "1: expected an operand before the operator, found 'a'");
         check(&"(".repeat(100_000), "33: the condition is nested too deep");
         check(&"-".repeat(100_000), "33: the condition is nested too deep");

@@ -6,11 +6,14 @@
 use crate::fault::{Fault, fault, nearest};
 use crate::functions::{Arguments, Call, Definition, FUNCTIONS, Key, find};
 use crate::value::{self, Item, Value};
-use plan::Diagnostic;
+use plan::{Diagnostic, Expression};
 use std::fmt;
 
 /// What every line begins with; the number is the grammar's version.
 pub const PREFIX: &str = "trace:1";
+
+/// The key of a condition.
+pub(crate) const CONDITION: &str = "its_condition";
 
 /// A function of a program.
 #[derive(Clone, Debug)]
@@ -72,6 +75,43 @@ impl Function {
             Call::GetPoints(measurement) => measurement.points.as_deref(),
             _ => None,
         }
+    }
+
+    /// The same with a condition that its line does not have; `None` for a function that takes none.
+    pub(crate) fn with_condition(mut self, condition: Expression) -> Option<Self> {
+        let key = self.definition?.key(CONDITION)?.name;
+        self.arguments.push(Argument {
+            key,
+            value: Value::Condition(condition),
+            column: 0,
+        });
+        Some(self.called_again())
+    }
+
+    /// The same with its condition changed.
+    pub(crate) fn with_changed_condition(mut self, change: impl Fn(&mut Expression)) -> Self {
+        for argument in &mut self.arguments {
+            if let Value::Condition(condition) = &mut argument.value {
+                change(condition);
+            }
+        }
+        self.called_again()
+    }
+
+    /// The condition that it has.
+    pub(crate) fn condition(&self) -> Option<&Expression> {
+        match self.value(CONDITION)? {
+            Value::Condition(condition) => Some(condition),
+            _ => None,
+        }
+    }
+
+    /// What is to be done, anew from the arguments.
+    fn called_again(mut self) -> Self {
+        if let Some(definition) = self.definition {
+            self.call = (definition.call)(&Arguments(&self.arguments));
+        }
+        self
     }
 
     /// The line without `trace:1`, as actions are written.

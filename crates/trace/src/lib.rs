@@ -15,12 +15,16 @@ pub mod condition;
 mod fault;
 mod function;
 pub mod functions;
+mod ids;
+mod lines;
 pub mod record;
 pub mod sensor;
 pub mod survey;
+mod typed;
 pub mod unit;
 mod value;
 
 pub use function::{Argument, Function, PREFIX, is_line, meant, parse};
 pub use functions::{Call, Definition, FUNCTIONS};
+pub use lines::functions as functions_of;
 pub use value::{Kind, Sampling, Value};

@@ -13,11 +13,12 @@ pub use recording::{Row, Stream};
 
 use crate::compile::{Compiled, compile, signal_of, signal_of_predefined, unit_of};
 use crate::functions::{Alarm, Call, Coolant, Frequency, Reaction, ResetBy, SynchronizedAction, TraceId};
+use crate::ids::Ids;
 use crate::sensor::{Meaning, Sensor, meaning};
-use crate::survey::{ALONG, Found, is_of_the_machine, lines, wanted};
-use crate::{Function, parse};
+use crate::survey::{ALONG, Found, is_of_the_machine, wanted};
+use crate::{Function, functions_of, parse};
 use context::Context;
-use machine::watch::{AlarmOrder, Firing, Readings, SIGNALS, Situation, WatchOrder};
+use machine::watch::{AlarmOrder, Firing, FiringKind, Readings, SIGNALS, Situation, WatchOrder};
 use machine::{MachineParameters, Quality, Sample, State, StopCause};
 use plan::{RawNcFunction, Step, StepKind, Value as PlanValue};
 use recording::{Ended, Recordings, Seen};
@@ -38,6 +39,26 @@ pub struct Told {
 
 /// The kind of the events that are records of functions.
 pub const EVENT: &str = "trace";
+
+/// Kinds of events of the control itself, which `log_nc_events` records.
+pub const CONTROL_EVENTS: &[&str] = &[
+    "alarm",
+    "controlled-stop",
+    "cycle-start",
+    "emergency-stop",
+    "emergency-stop-released",
+    "encoder-bridged",
+    "fault",
+    "following-warning",
+    "hold",
+    "in-position-timeout",
+    "late",
+    "off-path-stop",
+    "spindle-limited",
+    "starved",
+    "stop",
+    "stopped",
+];
 
 /// A record that no function of the program asked for has this member: when it is made.
 pub const BY_ITSELF: &str = "by_itself";
@@ -73,8 +94,12 @@ pub struct Recorder {
     recordings: Recordings,
     /// Watches by the line that starts them.
     numbers: BTreeMap<String, u16>,
-    /// Which watch an id means, as far as the program was read.
-    ahead: BTreeMap<TraceId, u16>,
+    /// Which ids are taken, as far as the program was read.
+    ahead: Ids,
+    /// Which watch an id means there.
+    watches: BTreeMap<TraceId, u16>,
+    /// Which ids are taken where the machine is.
+    ids: Ids,
     actions: BTreeMap<u16, Action>,
     alarms: BTreeMap<u16, Active>,
     /// Reactions whose effect is still to be seen.
@@ -88,6 +113,8 @@ pub struct Recorder {
     next_run: u32,
     /// The machine has left the program, by a reset or a restart: actions and recordings wait until it is taken up again.
     waits: bool,
+    /// What is in all modes outlives the run.
+    machine_goes_on: bool,
     told: Vec<Told>,
     state: State,
     /// The first cycle was heard of.
@@ -140,7 +167,9 @@ impl Recorder {
             numbers: numbers
                 .filter_map(|(k, (line, _))| Some((line.clone(), u16::try_from(k).ok()?)))
                 .collect(),
-            ahead: BTreeMap::new(),
+            ahead: Ids::default(),
+            watches: BTreeMap::new(),
+            ids: Ids::default(),
             actions: BTreeMap::new(),
             alarms: BTreeMap::new(),
             effects: Vec::new(),
@@ -151,6 +180,7 @@ impl Recorder {
             level: None,
             next_run: 1,
             waits: false,
+            machine_goes_on: false,
             told: Vec::new(),
             state: State::Off,
             opened: false,
@@ -160,32 +190,51 @@ impl Recorder {
     /// What the machine has to be told with a step, in order with the path; a condition that is not loaded yet is given to be loaded.
     pub fn orders(&mut self, step: &Step) -> Vec<Order> {
         match &step.kind {
-            StepKind::Begin(marker) if marker.level == plan::Level::Operation => vec![Order::Say(WatchOrder::OperationBegins)],
-            StepKind::End(plan::Level::Operation) => vec![Order::Say(WatchOrder::OperationEnds)],
-            StepKind::NcFunction(raw) => lines(raw).iter().flat_map(|line| self.orders_of(line)).collect(),
-            _ => vec![],
+            StepKind::Begin(marker) => match marker.level {
+                plan::Level::Workplan => self.ahead.workplan_begins(),
+                plan::Level::Operation => return vec![Order::Say(WatchOrder::OperationBegins)],
+                _ => {}
+            },
+            StepKind::End(plan::Level::Workplan) => drop(self.ahead.workplan_ends()),
+            StepKind::End(plan::Level::Operation) => return vec![Order::Say(WatchOrder::OperationEnds)],
+            StepKind::End(plan::Level::Toolpath) => {
+                let over = self.ahead.path_ends().into_iter();
+                return over.filter_map(|(_, id)| self.stop_of(&id)).collect();
+            }
+            StepKind::NcFunction(raw) => {
+                let along = raw.kind == ALONG;
+                return functions_of(raw)
+                    .into_iter()
+                    .flatten()
+                    .flat_map(|function| self.orders_of(&function, along))
+                    .collect();
+            }
+            _ => {}
+        }
+        vec![]
+    }
+
+    fn orders_of(&mut self, function: &Function, along: bool) -> Vec<Order> {
+        match self.ahead.follow(&function.call, along) {
+            Ok(()) => self.order(function),
+            // It is told when its turn comes.
+            Err(_) => vec![],
         }
     }
 
-    fn orders_of(&mut self, line: &str) -> Vec<Order> {
-        let Ok(function) = parse(line) else { return vec![] };
+    fn order(&mut self, function: &Function) -> Vec<Order> {
         match &function.call {
             Call::StartSynchronizedAction(action) => {
                 let line = function.to_string();
                 match self.numbers.get(&line).copied() {
-                    // The machine refuses a second start as well; a number of another line must not be taken for the first.
-                    Some(_) if self.ahead.contains_key(&action.id) => vec![],
                     Some(number) => {
-                        self.ahead.insert(action.id.clone(), number);
+                        self.watches.insert(action.id.clone(), number);
                         vec![Order::Say(WatchOrder::Start(number))]
                     }
                     None => compile(action).map_or(vec![], |compiled| vec![Order::Load(line, compiled)]),
                 }
             }
-            Call::StopSynchronizedAction { id } => {
-                let number = self.ahead.remove(id);
-                number.map(|n| Order::Say(WatchOrder::Stop(n))).into_iter().collect()
-            }
+            Call::StopSynchronizedAction { id } => self.stop_of(id).into_iter().collect(),
             call => crate::compile::alarm_order(call)
                 .map(|order| Order::Say(WatchOrder::Alarm(order)))
                 .into_iter()
@@ -193,10 +242,15 @@ impl Recorder {
         }
     }
 
+    /// Stops the watch that an id means.
+    fn stop_of(&mut self, id: &TraceId) -> Option<Order> {
+        self.watches.remove(id).map(|number| Order::Say(WatchOrder::Stop(number)))
+    }
+
     /// A condition was loaded under a number; gives what the machine has to be told now.
     pub fn loaded(&mut self, line: &str, number: u16) -> Vec<Order> {
         self.numbers.insert(line.to_owned(), number);
-        self.orders_of(line)
+        parse(line).map_or(vec![], |function| self.order(&function))
     }
 
     /// A condition could not be loaded: it is told, and does nothing.
@@ -208,7 +262,14 @@ impl Recorder {
     pub fn step(&mut self, step: &Step, tick: Tick) {
         match &step.kind {
             StepKind::Begin(marker) if marker.level == plan::Level::Operation => self.readings.operation(tick, true),
+            StepKind::Begin(marker) if marker.level == plan::Level::Workplan => self.ids.workplan_begins(),
             StepKind::End(plan::Level::Operation) => self.readings.operation(tick, false),
+            StepKind::End(plan::Level::Workplan) => drop(self.ids.workplan_ends()),
+            StepKind::End(plan::Level::Toolpath) => {
+                for (_, id) in self.ids.path_ends() {
+                    self.end_action(&id, tick, "end of the path");
+                }
+            }
             _ => {}
         }
         let ended = self.context.follow(step, tick);
@@ -275,7 +336,14 @@ impl Recorder {
         let Some(mut action) = self.actions.get(&firing.watch).cloned() else {
             return;
         };
-        if !firing.known {
+        if firing.kind == FiringKind::Ended {
+            // Its id stays taken until the program's own stop, which may have been read already.
+            action.runs = false;
+            self.tell_action_end(&action, tick, "by hand, from the list of what lives in the machine");
+            self.actions.insert(firing.watch, action);
+            return;
+        }
+        if firing.kind == FiringKind::Unknown {
             let data = json!({ "id": action.does.id.0, "why": "a sensor of the condition is unavailable" });
             self.error("T-05", tick, self.sample.step, data);
             return;
@@ -382,12 +450,24 @@ impl Recorder {
         self.end_alarms(tick, why, |_| true);
     }
 
-    /// The run is over, however: what is still open is told as ended.
+    /// The machine is there when the run is over, and what is in all modes goes on in it. Without this it ends with the run.
+    pub fn on_a_machine_that_goes_on(mut self) -> Self {
+        self.machine_goes_on = true;
+        self
+    }
+
+    /// The run is over, however: what is still open is told as ended, or as going on without it.
     pub fn finish(&mut self, tick: Tick) {
         self.program_ends(tick, "end of the run");
         for (_, action) in std::mem::take(&mut self.actions) {
-            if action.runs {
-                self.tell_action_end(&action, tick, "end of the run");
+            if action.runs && self.machine_goes_on {
+                let data = json!({
+                    "function": "start_synchronized_action", "id": action.does.id.0, "state": "goes on", "run": action.run,
+                    "why": "it is in all modes, and the machine goes on", "fired": action.fired,
+                });
+                self.tell(tick, self.sample.step, object(data));
+            } else if action.runs {
+                self.tell_action_end(&action, tick, "the machine was simulated for this run and ended with it");
             }
         }
     }

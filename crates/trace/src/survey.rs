@@ -4,10 +4,13 @@
 //! branch that the look did not take is seen when it runs.
 
 use crate::compile::{Compiled, compile, signal_of};
+use crate::function::CONDITION;
 use crate::functions::{Call, TraceId};
+use crate::ids::{Clash, Ids, Kind, started};
+pub use crate::lines::{ALONG, ALONG_RECORD, ALONG_SAMPLING};
 use crate::sensor::{Meaning, Sensor, meaning, streams};
-use crate::{Function, Sampling, is_line, parse};
-use plan::{Diagnostic, Diagnostics, Expression, Level, Place, RawNcFunction, Severity, Step, StepKind};
+use crate::{Function, Sampling, functions_of};
+use plan::{Diagnostic, Diagnostics, Level, Place, RawNcFunction, Severity, Step, StepKind};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What a look through a program found of its functions.
@@ -22,11 +25,10 @@ pub struct Survey {
     order: Vec<String>,
     /// Streams that were asked for and this machine has not.
     missing: BTreeSet<String>,
-    /// What is active: kind and id, and the depth of workplans in which it began.
-    active: BTreeMap<(Kind, TraceId), usize>,
+    /// What is active here.
+    ids: Ids,
     /// What was ever started.
     started: BTreeSet<(Kind, TraceId)>,
-    depth: usize,
     /// Inside an operation that the program itself has.
     inside_operation: bool,
     diagnostics: Diagnostics,
@@ -34,28 +36,6 @@ pub struct Survey {
     operations: usize,
     /// Geometry that recordings name, and what is to be said when the file has it not.
     points: Vec<(String, Diagnostic)>,
-}
-
-/// Functions that are started and stopped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Kind {
-    Recording,
-    Tools,
-    Events,
-    Operators,
-    Synchronized,
-}
-
-impl Kind {
-    fn word(self) -> &'static str {
-        match self {
-            Kind::Recording => "sensor recording",
-            Kind::Tools => "tool logging",
-            Kind::Events => "event logging",
-            Kind::Operators => "operator logging",
-            Kind::Synchronized => "synchronized action",
-        }
-    }
 }
 
 /// What the functions of a program come to.
@@ -97,14 +77,17 @@ impl Survey {
     pub fn step(&mut self, step: &Step) {
         match &step.kind {
             StepKind::Begin(marker) => match marker.level {
-                Level::Workplan => self.depth += 1,
+                Level::Workplan => self.ids.workplan_begins(),
                 Level::Operation => self.inside_operation = !marker.derived,
                 _ => {}
             },
             StepKind::End(Level::Workplan) => {
-                self.depth = self.depth.saturating_sub(1);
-                self.end_scope(self.depth + 1, step);
+                for (kind, id) in self.ids.workplan_ends() {
+                    let text = format!("{} {id} has no stop: its workplan's end ends it", kind.word());
+                    self.say(Severity::Remark, "T-04", text, "", step);
+                }
             }
+            StepKind::End(Level::Toolpath) => drop(self.ids.path_ends()),
             StepKind::End(Level::Operation) => self.inside_operation = false,
             StepKind::NcFunction(function) => self.function(function, step),
             _ => {}
@@ -113,13 +96,12 @@ impl Survey {
 
     /// What is begun and not over here: recordings, logging, synchronized actions. Each by its kind and id, in order.
     pub fn begun(&self) -> impl Iterator<Item = (&'static str, &TraceId)> {
-        self.active.keys().map(|(kind, id)| (kind.word(), id))
+        self.ids.begun().map(|(kind, id)| (kind.word(), id))
     }
 
     /// The program is over.
     pub fn finish(mut self) -> Found {
-        let open: Vec<_> = self.active.keys().cloned().collect();
-        for (kind, id) in open {
+        for (kind, id) in self.ids.begun() {
             let found = Diagnostic::remark("T-04", format!("{} {id} has no stop: the program's end ends it", kind.word()));
             self.diagnostics.add(found.in_file(self.file.clone()));
         }
@@ -149,8 +131,8 @@ impl Survey {
             return;
         }
         let along_a_path = raw.kind == ALONG;
-        for line in lines(raw) {
-            match parse(&line) {
+        for read in functions_of(raw) {
+            match read {
                 Err(found) => self.diagnostics.add(self.placed(*found, step)),
                 Ok(function) => {
                     *self.counts.entry(function.name.clone()).or_default() += 1;
@@ -163,6 +145,10 @@ impl Survey {
                             step,
                         );
                     }
+                    if raw.condition.is_some() && function.definition.is_some_and(|d| d.key(CONDITION).is_none()) {
+                        let text = format!("{} takes no condition: the file's typed one is not looked at", function.name);
+                        self.say(Severity::Warning, "T-06-condition", text, "take it out", step);
+                    }
                     self.meaning(&function, step, along_a_path);
                 }
             }
@@ -174,6 +160,7 @@ impl Survey {
         self.sensors(function, step);
         self.points(function, step);
         self.evenly(function, step);
+        self.id(function, step, along_a_path);
         match &function.call {
             Call::Unknown => {
                 let meant = crate::meant(&function.name).map_or_else(String::new, |name| format!("did you mean {name}?"));
@@ -183,19 +170,8 @@ impl Survey {
                 );
                 self.say(Severity::Warning, "trace-unknown", text, &meant, step);
             }
-            Call::StartSensorRecording(recording) if !along_a_path => self.start(Kind::Recording, &recording.id, step),
-            Call::StopSensorRecording { id } => self.stop(Kind::Recording, id, step),
-            Call::StartToolLogging { id } => self.start(Kind::Tools, id, step),
-            Call::StopToolLogging { id } => self.stop(Kind::Tools, id, step),
-            Call::LogNcEvents { id, on: true, .. } => self.start(Kind::Events, id, step),
-            Call::LogNcEvents { id, on: false, .. } => self.stop(Kind::Events, id, step),
-            Call::LogOperatorData { id, on: true } => self.start(Kind::Operators, id, step),
-            Call::LogOperatorData { id, on: false } => self.stop(Kind::Operators, id, step),
-            Call::StopSynchronizedAction { id } => self.stop(Kind::Synchronized, id, step),
+            Call::LogNcEvents { on: true, kinds, .. } => self.kinds(kinds, step),
             Call::StartSynchronizedAction(action) => {
-                if !along_a_path {
-                    self.start(Kind::Synchronized, &action.id, step);
-                }
                 self.all_modes |= action.all_modes;
                 match compile(action) {
                     Err(refused) => self.say(Severity::Error, refused.code, refused.message, &refused.remedy, step),
@@ -210,6 +186,16 @@ impl Survey {
                 }
             }
             _ => {}
+        }
+    }
+
+    /// A kind that no event has is a slip of the pen: nothing would be recorded of it.
+    fn kinds(&mut self, kinds: &[String], step: &Step) {
+        let known = |kind: &&String| crate::record::CONTROL_EVENTS.iter().any(|k| k.eq_ignore_ascii_case(kind));
+        for kind in kinds.iter().filter(|kind| !known(kind)) {
+            let text = format!("log_nc_events names '{kind}', and the control has no such event: nothing is recorded of it");
+            let remedy = format!("its events are {}", crate::record::CONTROL_EVENTS.join(", "));
+            self.say(Severity::Warning, "trace-events", text, &remedy, step);
         }
     }
 
@@ -313,54 +299,20 @@ impl Survey {
         }
     }
 
-    fn start(&mut self, kind: Kind, id: &TraceId, step: &Step) {
-        let key = (kind, id.clone());
-        if self.active.contains_key(&key) {
-            self.say(
-                Severity::Error,
-                "T-02",
-                format!("{} {id} is started while it is active", kind.word()),
-                "stop it first, or give another id",
-                step,
-            );
-            return;
+    /// Its id is free when it starts something, and its own when it stops it.
+    fn id(&mut self, function: &Function, step: &Step, along_a_path: bool) {
+        let clash = self.ids.follow(&function.call, along_a_path).err();
+        if let Some((kind, id)) = started(&function.call).filter(|_| clash.is_none()) {
+            self.started.insert((kind, id.clone()));
         }
-        self.started.insert(key.clone());
-        self.active.insert(key, self.depth);
-    }
-
-    fn stop(&mut self, kind: Kind, id: &TraceId, step: &Step) {
-        let key = (kind, id.clone());
-        if self.active.remove(&key).is_some() {
-            return;
-        }
-        let (severity, why) = if self.started.contains(&key) {
-            (Severity::Warning, "is not active any more here")
-        } else {
-            (Severity::Error, "was never started on this path")
+        let Some(clash) = clash else { return };
+        let (severity, why) = match &clash {
+            Clash::Stopped(id, kind, _) if self.started.contains(&(*kind, id.clone())) => {
+                (Severity::Warning, "is not active any more here")
+            }
+            _ => (Severity::Error, "was never started on this path"),
         };
-        self.say(
-            severity,
-            "T-01",
-            format!("{} {id} is stopped and {why}", kind.word()),
-            "start it before, or take the stop out",
-            step,
-        );
-    }
-
-    /// A workplan is over: recordings that began in it are.
-    fn end_scope(&mut self, depth: usize, step: &Step) {
-        let over: Vec<_> = self
-            .active
-            .iter()
-            .filter(|((kind, _), began)| *kind == Kind::Recording && **began >= depth)
-            .map(|(key, _)| key.clone())
-            .collect();
-        for key in over {
-            self.active.remove(&key);
-            let text = format!("{} {} has no stop: its workplan's end ends it", key.0.word(), key.1);
-            self.say(Severity::Remark, "T-04", text, "", step);
-        }
+        self.say(severity, clash.code(), clash.text(why), &clash.remedy(), step);
     }
 
     fn say(&mut self, severity: Severity, code: &'static str, message: String, remedy: &str, step: &Step) {
@@ -394,109 +346,6 @@ pub const MOST_EVENLY: u32 = 100_000;
 pub fn is_of_the_machine(variable: &str) -> bool {
     let small = variable.to_ascii_lowercase();
     small.starts_with("sensor:") || small.starts_with("trace:")
-}
-
-/// The kind of a function along a path.
-pub const ALONG: &str = "other functions";
-
-/// Name of a condition along a path that names sensors to record; what stands under it are aliases with axes, as `drive-load-x`.
-pub const ALONG_RECORD: &str = "trace.record";
-/// Name of the one that says when: `every 4 cycles`, or what `its_sampling` takes.
-pub const ALONG_SAMPLING: &str = "trace.sampling";
-
-/// The lines of the vocabulary in a function as the program has it: its text, or what stands along a path.
-///
-/// Along a path a line is the name of a condition, or its mode; several of one name come joined by commas. The short form of
-/// [`ALONG_RECORD`] becomes the recording that it means.
-pub fn lines(raw: &RawNcFunction) -> Vec<String> {
-    if raw.kind != ALONG {
-        return if is_line(&raw.text) {
-            vec![with_variables(raw)]
-        } else {
-            vec![]
-        };
-    }
-    let mut found = Vec::new();
-    for (name, mode) in &raw.properties {
-        if is_line(name) {
-            found.push(name.clone());
-        } else if is_line(mode) {
-            let mut rest = mode.as_str();
-            while let Some(at) = rest[1..].find(",trace:") {
-                found.push(rest[..=at].to_owned());
-                rest = &rest[at + 2..];
-            }
-            found.push(rest.to_owned());
-        }
-    }
-    if let Some(sensors) = raw.properties.get(ALONG_RECORD) {
-        let sensors: Vec<String> = sensors.split(',').map(along_sensor).collect();
-        let sampling = raw.properties.get(ALONG_SAMPLING).map_or_else(String::new, |said| {
-            let words: Vec<&str> = said.split_whitespace().collect();
-            match words[..] {
-                ["every", n, "cycles" | "cycle"] => format!(" its_sampling={n}"),
-                _ => format!(" its_sampling={}", said.replace(' ', "")),
-            }
-        });
-        found.push(format!(
-            "{} start_sensor_recording its_function_id=path its_sensors={}{sampling}",
-            crate::PREFIX,
-            sensors.join(",")
-        ));
-    }
-    found
-}
-
-/// The line with the present values of the program's variables in its condition: a condition is made when it is started, and what the
-/// program assigns later changes it no more.
-fn with_variables(raw: &RawNcFunction) -> String {
-    let value = |name: &str| -> Option<f64> {
-        let value = raw.properties.get(&format!("{}{name}", RawNcFunction::VARIABLE))?;
-        (meaning(name) == Meaning::Unknown).then(|| value.parse().ok())?
-    };
-    if !raw.properties.keys().any(|name| name.starts_with(RawNcFunction::VARIABLE)) {
-        return raw.text.clone();
-    }
-    let Ok(mut function) = parse(&raw.text) else {
-        return raw.text.clone();
-    };
-    let mut changed = false;
-    for argument in &mut function.arguments {
-        if let crate::Value::Condition(condition) = &mut argument.value {
-            changed |= put_in(condition, &value);
-        }
-    }
-    if changed { function.to_string() } else { raw.text.clone() }
-}
-
-/// Puts values in the place of names; true when there was one.
-fn put_in(expression: &mut Expression, value: &dyn Fn(&str) -> Option<f64>) -> bool {
-    match expression {
-        Expression::Name(name) => match value(name) {
-            Some(number) => {
-                *expression = Expression::Number(number, None);
-                true
-            }
-            None => false,
-        },
-        Expression::Not(inner) | Expression::Negate(inner) => put_in(inner, value),
-        Expression::Binary(_, left, right) => put_in(left, value) | put_in(right, value),
-        Expression::Number(..) | Expression::Truth(_) => false,
-    }
-}
-
-/// `drive-load-x` is the drive load of X; anything else is a name as it stands.
-fn along_sensor(written: &str) -> String {
-    let written = written.trim();
-    let name = written.replace('-', "_");
-    if let Some((alias, axis)) = name.rsplit_once('_')
-        && axis.len() <= 2
-        && let Ok(found) = streams(alias, &[axis.to_ascii_uppercase()])
-        && let Some(sensor) = found.first()
-    {
-        return sensor.to_string();
-    }
-    name
 }
 
 /// The streams that a function asks for.

@@ -39,8 +39,9 @@ impl fmt::Display for Kind {
             Kind::Text => f.write_str("text"),
             Kind::Integer(1, 2_147_483_647) => f.write_str("whole number from 1"),
             Kind::Integer(from, to) => write!(f, "whole number {from} to {to}"),
-            Kind::Number(Dimension::None) => f.write_str("number"),
-            Kind::Number(dimension) => write!(f, "number, {dimension}"),
+            Kind::Number(Dimension::None) => f.write_str("number from 0"),
+            Kind::Number(Dimension::Percent) => f.write_str("number from 0 to 100, %"),
+            Kind::Number(dimension) => write!(f, "number from 0, {dimension}"),
             Kind::State => f.write_str("ON or OFF"),
             Kind::Word(words) => f.write_str(&words.join(", ")),
             Kind::List => f.write_str("names with commas"),
@@ -176,7 +177,13 @@ pub(crate) fn read(key: &str, kind: Kind, items: &[Item]) -> Result<Value, Box<F
         }
         Kind::Number(dimension) => {
             let item = single()?;
-            match number(&item.text, dimension) {
+            // What functions take are sizes and shares: none is below zero, and no share is more than the whole.
+            let most = if dimension == Dimension::Percent {
+                100.0
+            } else {
+                f64::INFINITY
+            };
+            match number(&item.text, dimension).filter(|n| (0.0..=most).contains(n)) {
                 Some(number) => Value::Number(number, dimension),
                 None => return bad(item, &format!("a {kind}")),
             }

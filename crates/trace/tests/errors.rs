@@ -4,7 +4,9 @@
 mod common;
 
 use common::{Say, look};
-use plan::Level;
+use machine::watch::{Operation, Relation};
+use plan::expression::Operator;
+use plan::{Expression, Level};
 
 /// Severity, code and line of each finding.
 #[track_caller]
@@ -80,6 +82,77 @@ fn t_02_is_a_second_start_whatever_the_case_of_its_name() {
     );
 }
 
+/// What is said of the ids, and what to do about it.
+#[track_caller]
+fn said(lines: &[&str], expected: &[&str]) {
+    let said: Vec<Say<'_>> = lines.iter().map(|line| Say::Function(line)).collect();
+    let found = look(&said).diagnostics.into_iter().filter(|d| d.code != "T-04");
+    let shown: Vec<String> = found.map(|d| format!("{} {}: {}", d.code, d.message, d.remedy)).collect();
+    assert_eq!(shown, expected);
+}
+
+#[test]
+fn an_id_is_unique_among_all_kinds_of_functions_that_are_active() {
+    let action = "start_synchronized_action its_id=R1 its_mode_scope=ALL its_actions=get_time";
+    let recording = "start_sensor_recording its_function_id=r1 its_sensors=X.LOAD";
+    said(
+        &[recording, action],
+        &["T-02 synchronized action R1 is started while R1 is active as a sensor recording: stop it first, or give another id"],
+    );
+    said(
+        &[action, "log_nc_events its_function_id=R1 its_state=ON"],
+        &["T-02 event logging R1 is started while R1 is active as a synchronized action: stop it first, or give another id"],
+    );
+    said(
+        &[
+            "log_operator_data its_function_id=R1 its_state=ON",
+            "start_tool_logging its_function_id=R1",
+        ],
+        &["T-02 tool logging R1 is started while R1 is active as operator logging: stop it first, or give another id"],
+    );
+    // One behind the other is allowed, also of two kinds.
+    said(&[recording, "stop_sensor_recording its_function_id=R1", action], &[]);
+}
+
+#[test]
+fn a_stop_of_an_id_that_is_active_as_another_kind_is_t_01_that_says_so() {
+    let recording = "start_sensor_recording its_function_id=R1 its_sensors=X.LOAD";
+    said(
+        &[recording, "stop_synchronized_action its_id=r1"],
+        &[
+            "T-01 synchronized action r1 is stopped, and r1 is active as a sensor recording: write stop_sensor_recording, or give the id of a synchronized action",
+        ],
+    );
+    said(
+        &[
+            "log_nc_events its_function_id=E its_state=ON",
+            "stop_tool_logging its_function_id=E",
+        ],
+        &[
+            "T-01 tool logging E is stopped, and E is active as event logging: write log_nc_events ... its_state=OFF, or give the id of tool logging",
+        ],
+    );
+}
+
+#[test]
+fn an_id_along_a_path_is_taken_until_the_path_ends() {
+    let along = "start_sensor_recording its_function_id=1 its_sensors=X.LOAD";
+    let action = "start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_actions=get_time";
+    check(
+        &[
+            Say::Begin(Level::Toolpath, "first"),
+            Say::Along(along),
+            Say::Along(action),
+            Say::End(Level::Toolpath),
+            Say::Begin(Level::Toolpath, "second"),
+            Say::Along(action),
+            Say::End(Level::Toolpath),
+            Say::Function("start_tool_logging its_function_id=1"),
+        ],
+        &["error t-02 3", "remark t-04 0"],
+    );
+}
+
 #[test]
 fn t_04_says_what_ends_a_start_that_has_no_stop() {
     check(&[Say::Function(START)], &["remark t-04 0"]);
@@ -118,12 +191,16 @@ fn t_06_is_what_makes_no_sense_conditions_units_variables_and_geometry() {
         "its_frequency=WHEN its_condition=\"humidity > 3\"",
         "its_frequency=WHEN its_condition=\"ws_time > 3 mm\"",
         "its_frequency=WHEN its_condition=\"X.LOAD\"",
+        "its_frequency=WHEN its_condition=\"TIME_LIMIT > 3\"",
         "its_frequency=WHEN",
         "its_condition=\"X.LOAD > 3\"",
     ] {
         let line = action(rest);
         check(&[Say::Function(&line)], &["error t-06 1", "remark t-04 0"]);
     }
+    // The whole line is not read: what it starts is not known.
+    let line = action("its_frequency=WHEN its_condition=\"X.LOAD > #100\"");
+    check(&[Say::Function(&line)], &["error t-06 1"]);
     check(&[Say::Function("get_drive_load its_variable=load")], &["error t-06 1"]);
     check(&[Say::Function("get_drive_load its_axis=X its_variable=load")], &[]);
     let at = |name: &str| format!("get_drive_load_points its_axis=X its_points=#{name}");
@@ -131,6 +208,40 @@ fn t_06_is_what_makes_no_sense_conditions_units_variables_and_geometry() {
     check(&[Say::Function(&at("prob"))], &["error t-06 1"]);
     let at = |name: &str| format!("start_sensor_recording its_function_id=1 its_sensors=X.LOAD its_sampling=points:#{name}");
     check(&[Say::Function(&at("prob")), Say::Function(STOP)], &["error t-06 1"]);
+}
+
+#[test]
+fn t_06_is_a_typed_condition_that_says_something_else_than_its_line() {
+    let line = "start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_frequency=WHEN its_condition=\"ws_time > 1 h\" its_actions=get_time";
+    let over = |seconds: f64| {
+        let time = Box::new(Expression::Name("trace:ws_time".to_owned()));
+        let limit = Box::new(Expression::Number(seconds, None));
+        Some(Ok(Expression::Binary(Operator::Greater, time, limit)))
+    };
+    let stop = Say::Function("stop_synchronized_action its_id=1");
+    check(&[Say::Typed(line, over(3600.0)), stop], &[]);
+    let stop = Say::Function("stop_synchronized_action its_id=1");
+    check(&[Say::Typed(line, over(1800.0)), stop], &["error t-06 1", "error t-01 2"]);
+    let found = look(&[Say::Typed(line, over(1800.0))]);
+    let text = found.diagnostics[0].to_string();
+    assert!(
+        text.contains("\"ws_time > 1 h\"") && text.contains("\"trace:ws_time > 1800\""),
+        "{text}"
+    );
+    assert!(found.conditions.is_empty(), "neither of them is loaded");
+    // Where there is only the typed one, it is what is loaded.
+    let without = line.replace(" its_condition=\"ws_time > 1 h\"", "");
+    let found = look(&[Say::Typed(&without, over(1800.0))]);
+    let signal = machine::watch::signal("trace:ws_time").expect("a signal");
+    assert_eq!(
+        found.conditions[0].1.operations,
+        [Operation::Compare(signal, Relation::Greater, 1800.0)]
+    );
+    check(
+        &[Say::Typed(&without, Some(Err("#7 holds no number".to_owned())))],
+        &["error t-06 1"],
+    );
+    check(&[Say::Typed("get_time", over(1.0))], &["warning t-06-condition 1"]);
 }
 
 #[test]
@@ -229,4 +340,11 @@ fn a_frame_that_has_no_such_coordinate_is_refused_with_the_reason() {
         "{:?}",
         found.diagnostics
     );
+}
+
+#[test]
+fn a_kind_that_no_event_of_the_control_has_is_said() {
+    let said = "log_nc_events its_function_id=e its_state=ON its_kinds=hold,Cycle-Start,spindel";
+    let off = "log_nc_events its_function_id=e its_state=OFF";
+    check(&[Say::Function(said), Say::Function(off)], &["warning trace-events 1"]);
 }

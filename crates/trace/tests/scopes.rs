@@ -4,11 +4,11 @@
 mod common;
 
 use common::{Say, look, steps};
-use machine::watch::{Firing, Situation};
+use machine::watch::{Firing, FiringKind, Situation, WatchOrder};
 use machine::{MachineParameters, Sample, State};
 use plan::Level;
 use serde_json::{Value, json};
-use trace::record::{Known, Recorder, Told};
+use trace::record::{Known, Order, Recorder, Told};
 use units::{StepId, Tick, Timestamp};
 
 /// Ten cycles for each step, its own at the end of the first; gives what was told, `function state why` each, with its cycle.
@@ -86,7 +86,7 @@ fn a_recording_along_a_path_ends_with_it_and_a_stop_of_another_run_is_t_01() {
         [
             "10 start_sensor_recording started -",
             "20 stop_sensor_recording ended end of the path",
-            "30 stop_sensor_recording - -",
+            "30 stop_sensor_recording - sensor recording 1 is stopped and is not active",
             "50 start_sensor_recording started -",
             "60 stop_sensor_recording ended end of the path",
         ]
@@ -96,7 +96,7 @@ fn a_recording_along_a_path_ends_with_it_and_a_stop_of_another_run_is_t_01() {
 }
 
 #[test]
-fn automatic_ends_with_the_program_and_all_modes_with_the_run() {
+fn automatic_ends_with_the_program_and_all_modes_with_a_simulated_machine() {
     let action = |id: u32, scope: &str| {
         format!(
             "start_synchronized_action its_id={id} its_mode_scope={scope} its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time"
@@ -112,24 +112,54 @@ fn automatic_ends_with_the_program_and_all_modes_with_the_run() {
     recorder.fired(&Firing {
         tick: Tick(110),
         watch: 1,
-        known: true,
+        kind: FiringKind::Fired,
     });
     assert_eq!(words(&recorder.take_told()), ["110 start_synchronized_action fired -"]);
     recorder.finish(Tick(120));
     assert_eq!(
         words(&recorder.take_told()),
-        ["120 stop_synchronized_action ended end of the run"]
+        ["120 stop_synchronized_action ended the machine was simulated for this run and ended with it"]
     );
 }
 
 #[test]
+fn all_modes_goes_on_in_a_machine_that_goes_on_and_one_that_was_ended_by_hand_does_not() {
+    let action = |id: u32| {
+        format!(
+            "start_synchronized_action its_id={id} its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time"
+        )
+    };
+    let (a, b) = (action(1), action(2));
+    let (recorder, _) = run(&[Say::Function(&a), Say::Function(&b)], Known::default());
+    let mut recorder = recorder.on_a_machine_that_goes_on();
+    recorder.take_told();
+    recorder.fired(&Firing {
+        tick: Tick(100),
+        watch: 0,
+        kind: FiringKind::Ended,
+    });
+    // The program's own stop comes too late for it.
+    recorder.state(State::Ready, Tick(110), true);
+    recorder.finish(Tick(120));
+    let told = recorder.take_told();
+    assert_eq!(
+        words(&told),
+        [
+            "100 stop_synchronized_action ended by hand, from the list of what lives in the machine",
+            "120 start_synchronized_action goes on it is in all modes, and the machine goes on",
+        ]
+    );
+    assert_eq!((&told[0].data["id"], &told[1].data["id"]), (&json!("1"), &json!("2")));
+}
+
+#[test]
 fn an_outage_is_one_t_05_and_lost_firings_and_cycles_are_t_09_and_t_10() {
-    let action = "start_synchronized_action its_id=1 its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time";
+    let action = "start_synchronized_action its_id=2 its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time";
     let (mut recorder, _) = run(&[Say::Function(action), Say::Function(START)], Known::default());
     recorder.fired(&Firing {
         tick: Tick(30),
         watch: 0,
-        known: false,
+        kind: FiringKind::Unknown,
     });
     recorder.lost_firings(7, Tick(31));
     recorder.lost(3, Tick(32));
@@ -156,7 +186,7 @@ fn check_firings(does: &str, cycles: impl Iterator<Item = u64>, expected: &[&str
         recorder.fired(&Firing {
             tick: Tick(cycle),
             watch: 0,
-            known: true,
+            kind: FiringKind::Fired,
         });
     }
     recorder.finish(Tick(100_000));
@@ -265,4 +295,95 @@ fn a_level_that_is_set_for_its_workplan_is_over_with_it() {
     let (_, told) = run(&said, Known::default());
     let olds: Vec<Option<&Value>> = told.iter().map(|t| t.data.get("old")).collect();
     assert_eq!(olds, [None, Some(&json!(3)), Some(&json!(3))], "the outer level returns");
+}
+
+#[test]
+fn an_id_of_another_kind_is_refused_by_the_machine_and_by_the_record_alike() {
+    let action = "start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time";
+    // The recording is full after two samples, which the reader ahead cannot know.
+    let said = [
+        Say::Function("start_sensor_recording its_function_id=1 its_sensors=X.LOAD max_samples=2"),
+        Say::Function(action),
+        Say::Function("stop_synchronized_action its_id=1"),
+        Say::Function("stop_sensor_recording its_function_id=1"),
+        Say::Function(action),
+        Say::Function("start_tool_logging its_function_id=1"),
+        Say::Function("stop_synchronized_action its_id=1"),
+        Say::Function("start_tool_logging its_function_id=1"),
+    ];
+    let (mut recorder, told) = run(&said, Known::default());
+    let text = |told: &Told, key: &str| told.data.get(key).and_then(Value::as_str).unwrap_or("-").to_owned();
+    let shown: Vec<String> = told
+        .iter()
+        .map(|t| format!("{} {} {} {}", t.tick.0, text(t, "error"), text(t, "state"), text(t, "why")))
+        .collect();
+    assert_eq!(
+        shown,
+        [
+            "0 - started -",
+            "1 - ended max_samples",
+            "10 T-02 - synchronized action 1 is started while 1 is active as a sensor recording",
+            "20 T-01 - synchronized action 1 is stopped, and 1 is active as a sensor recording",
+            "30 T-01 - -",
+            "40 - started -",
+            "50 T-02 - tool logging 1 is started while 1 is active as a synchronized action",
+            "60 - ended stop",
+            "70 - on -",
+        ]
+    );
+    let orders: Vec<_> = steps(&said).iter().map(|step| recorder.orders(step).len()).collect();
+    assert_eq!(
+        orders,
+        [0, 0, 0, 0, 1, 0, 1, 0],
+        "the machine is told of what the record has as started"
+    );
+}
+
+#[test]
+fn an_action_along_a_path_ends_with_it() {
+    let action = "start_synchronized_action its_id=1 its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time";
+    let said = [
+        Say::Begin(Level::Toolpath, "first"),
+        Say::Along(action),
+        Say::End(Level::Toolpath),
+        Say::Begin(Level::Toolpath, "second"),
+        Say::Along(action),
+        Say::End(Level::Toolpath),
+    ];
+    let (mut recorder, told) = run(&said, Known::default());
+    assert_eq!(
+        words(&told),
+        [
+            "10 start_synchronized_action started -",
+            "20 stop_synchronized_action ended end of the path",
+            "40 start_synchronized_action started -",
+            "50 stop_synchronized_action ended end of the path",
+        ]
+    );
+    let orders: Vec<_> = steps(&said).iter().flat_map(|step| recorder.orders(step)).collect();
+    let (start, stop) = (Order::Say(WatchOrder::Start(0)), Order::Say(WatchOrder::Stop(0)));
+    assert_eq!(orders, [start.clone(), stop.clone(), start, stop]);
+}
+
+#[test]
+fn a_condition_that_was_not_looked_at_before_and_is_none_is_told_and_starts_nothing() {
+    let line = "start_synchronized_action its_id=1 its_mode_scope=ALL its_frequency=WHEN its_condition=\"X.LOAD > 1\" its_actions=get_time";
+    let other = plan::Expression::Truth(true);
+    // In a branch that the look did not take.
+    let machine = MachineParameters::small_machining_centre();
+    let mut recorder = Recorder::new(&machine, Timestamp(0), Known::default(), &look(&[]));
+    for step in steps(&[Say::Typed(line, Some(Ok(other)))]) {
+        assert_eq!(recorder.orders(&step), []);
+        recorder.cycle(&Sample::default(), Situation::default());
+        recorder.step(&step, Tick(0));
+    }
+    let told = recorder.take_told();
+    assert_eq!(told[0].data["error"], "T-06");
+    assert!(
+        told[0].data["why"]
+            .as_str()
+            .is_some_and(|why| why.contains("X.LOAD > 1") && why.contains("true")),
+        "{:?}",
+        told[0]
+    );
 }

@@ -1,6 +1,7 @@
 //! Laws that every function of the table keeps.
 
 use proptest::prelude::*;
+use trace::unit::Dimension;
 use trace::{FUNCTIONS, Kind, parse};
 
 #[test]
@@ -120,6 +121,14 @@ fn mistakes_are_told_with_column_and_remedy() {
         "error: line 1, column 85: get_time has no key 'its_lable'; write its_label",
     );
     check(
+        "trace:1 get_feedrate_points number_of_points=3 tolerance=-1mm",
+        "error: line 1, column 58: '-1mm' is not what tolerance takes; write a number from 0, mm",
+    );
+    check(
+        "trace:1 log_coolant_data concentration=800",
+        "error: line 1, column 40: '800' is not what concentration takes; write a number from 0 to 100, %",
+    );
+    check(
         "trace:1",
         "error: line 1, column 8: the function's name is missing; write trace:1, a name as get_time, then key=value",
     );
@@ -131,7 +140,8 @@ fn value(kind: Kind) -> BoxedStrategy<String> {
     match kind {
         Kind::Text => "[!-~][ -~äµ]{0,12}".prop_map(quoted).boxed(),
         Kind::Integer(from, to) => (from..=to).prop_map(|n| n.to_string()).boxed(),
-        Kind::Number(_) => (-1e6f64..1e6).prop_map(|n| n.to_string()).boxed(),
+        Kind::Number(Dimension::Percent) => (0f64..=100.0).prop_map(|n| format!("{n}%")).boxed(),
+        Kind::Number(_) => (0f64..1e6).prop_map(|n| n.to_string()).boxed(),
         Kind::State => prop_oneof!["ON", "off", "TRUE"].boxed(),
         Kind::Word(words) => proptest::sample::select(words).prop_map(str::to_uppercase).boxed(),
         Kind::List => proptest::collection::vec("[A-Za-z._0-9]{1,8}", 1..4)

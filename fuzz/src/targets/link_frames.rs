@@ -1,6 +1,7 @@
 //! The default link: bytes and time into both sides, with checksums that fit and with such that do not.
 
-use cell::link::{LinkReceiver, LinkSender, MachineCard};
+use cell::link::{LinkAsker, LinkReceiver, LinkSender, MachineCard};
+use machine::link::asking::{AnswerEntry, AnswerHead, Asked, Inquiry};
 use machine::link::message::{Hello, UNITS};
 use machine::link::{Entry, FRAME, Follower, FrameReader, Header, Kind, LimitsHash, Name, PlanId, Reader, Wire, write_frame};
 use machine::{MachineParameters, Plant, Quality, RealtimeHalf, Report, Request};
@@ -19,7 +20,8 @@ const KINDS: [Kind; 9] = [
 ];
 
 /// The bytes as they are; then each piece between `|` as a payload in a sound frame, its kind by the first byte, to a controller that was
-/// greeted and to a sender that was welcomed. A machine follows what gets through.
+/// greeted and to a sender that was welcomed; and as a question of somebody else, and what such a one hears. A machine follows what gets
+/// through.
 pub fn run(bytes: &[u8]) {
     let mut reader = Box::new(FrameReader::new());
     let mut rest = bytes;
@@ -66,6 +68,11 @@ pub fn run(bytes: &[u8]) {
         sequence += 1;
         receiver.receive(1, now, &framed(kind, 1, sequence, |to| to.put(payload)));
         let _ = sender.receive(now, &framed(kind, 1, sequence - 1, |to| to.put(payload)));
+        let asking = 2 + count as u32;
+        receiver.connected(asking, now);
+        receiver.receive(asking, now, &framed(Kind::Inquiry, 0, 1, |to| to.put(payload)));
+        let mut asker = LinkAsker::new("fuzz", Asked::Living, now);
+        let _ = asker.receive(now, &framed(Kind::Answer, 0, 1, |to| to.put(payload)));
         receiver.pass(now);
         while let Some(urgent) = receiver.urgent() {
             follower.take_urgent(urgent, &mut half);
@@ -78,6 +85,9 @@ pub fn run(bytes: &[u8]) {
         }
         half.tick(now);
         follower.after_tick(&mut half);
+        while let Some(lives) = follower.lives(&mut half) {
+            receiver.lives(now, lives);
+        }
         while let Some(report) = half.report() {
             while let Some(firing) = half.firing(report.sample.tick) {
                 receiver.fired(firing);
@@ -85,6 +95,10 @@ pub fn run(bytes: &[u8]) {
             receiver.reported(follower.translated(report), follower.status());
         }
         let _ = receiver.output(1, now, &mut Vec::new());
+        let mut answer = Vec::new();
+        receiver.output(asking, now, &mut answer);
+        let mut asker = LinkAsker::new("fuzz", Asked::Living, now);
+        asker.receive(now, &answer).expect("the controller's own answer is one");
         let _ = sender.output(now, &mut Vec::new());
     }
 }
@@ -116,4 +130,7 @@ fn reads_what_it_writes(bytes: &[u8]) {
     check::<Entry>(bytes);
     check::<Report>(bytes);
     check::<Hello>(bytes);
+    check::<Inquiry>(bytes);
+    check::<AnswerHead>(bytes);
+    check::<AnswerEntry>(bytes);
 }

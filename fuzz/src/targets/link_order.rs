@@ -288,6 +288,7 @@ fn sender(machine: &MachineParameters) -> LinkSender {
         all_modes: false,
         operations: vec![Operation::Compare(x, Relation::Greater, END / 2.0)],
         alarms: vec![],
+        line: "start_synchronized_action its_id=1".to_owned(),
     });
     sender
 }

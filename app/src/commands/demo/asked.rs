@@ -25,12 +25,12 @@ const ASKED: [(&str, &str, &str); 3] = [
     (
         "round pocket",
         "record the loads",
-        "trace:1 start_sensor_recording its_function_id=1 its_sensors=LOAD its_axes=X,Y,Z its_sampling=10",
+        "trace:1 start_sensor_recording its_function_id=R1 its_sensors=LOAD its_axes=X,Y,Z its_sampling=10",
     ),
     (
         "wave groove",
         "loads are recorded",
-        "trace:1 stop_sensor_recording its_function_id=1",
+        "trace:1 stop_sensor_recording its_function_id=R1",
     ),
 ];
 
@@ -53,7 +53,7 @@ impl Story<'_> {
         let fired = find("start_synchronized_action", "fired");
         let samples = recorded.and_then(|t| t.data.get("samples")?.as_u64());
         (self.tell)(&format!(
-            "   recording 1: X, Y and Z load every 10th cycle of 'round pocket': {} samples, in functions.parquet",
+            "   recording R1: X, Y and Z load every 10th cycle of 'round pocket': {} samples, in functions.parquet",
             samples.map_or("no".to_owned(), |n| n.to_string())
         ));
         let cycle = |name: &str| fired.and_then(|t: &Told| t.data.get(name)?.as_u64());

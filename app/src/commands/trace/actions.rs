@@ -24,7 +24,7 @@ struct Action {
     started_s: f64,
     fired: u64,
     ended_s: Option<f64>,
-    /// What ended it; `None` when nothing that is on disk did.
+    /// What ended it, or why it goes on; `None` when nothing that is on disk did.
     why: Option<String>,
 }
 
@@ -52,6 +52,7 @@ pub fn actions(root: &Path, job: &str, common: &Common) -> Done {
         let modes = if action.scope == "ALL" { "all modes" } else { "automatic" };
         let end = match (action.ended_s, &action.why) {
             (Some(at), Some(why)) => format!("ended at {at:.3} s: {why}"),
+            (None, Some(why)) => format!("goes on: {why}"),
             _ => "it ran when the log ends".to_owned(),
         };
         say(&format!(
@@ -84,6 +85,13 @@ fn of(events: &[Event], at: &dyn Fn(&Event) -> f64) -> Vec<Action> {
                 let running = all.iter_mut().rev().find(|action| action.id == id && action.why.is_none());
                 if let Some(action) = running {
                     action.fired = number("fired").unwrap_or(action.fired);
+                }
+            }
+            ("start_synchronized_action", "goes on") => {
+                let run = number("run");
+                if let Some(action) = all.iter_mut().find(|action| Some(action.run) == run) {
+                    action.fired = number("fired").unwrap_or(action.fired);
+                    action.why = Some(text("why"));
                 }
             }
             ("stop_synchronized_action", "ended") => {
@@ -132,6 +140,11 @@ mod tests {
                 5,
                 json!({ "function": "start_synchronized_action", "id": "1", "state": "fired", "fired": 4 }),
             ),
+            event(6, start(3, "ALL")),
+            event(
+                7,
+                json!({ "function": "start_synchronized_action", "id": "1", "state": "goes on", "run": 3, "why": "all modes", "fired": 9 }),
+            ),
         ];
         let all = of(&events, &|event| event.at_ns as f64);
         let shown: Vec<_> = all
@@ -140,7 +153,11 @@ mod tests {
             .collect();
         assert_eq!(
             shown,
-            [(1, "AUTOMATIC", 1, Some(3.0), Some("stop")), (2, "ALL", 4, None, None)]
+            [
+                (1, "AUTOMATIC", 1, Some(3.0), Some("stop")),
+                (2, "ALL", 4, None, None),
+                (3, "ALL", 9, None, Some("all modes"))
+            ]
         );
     }
 }

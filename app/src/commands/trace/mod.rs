@@ -1,11 +1,12 @@
-//! `toolmark trace`: what was recorded, looked at and never changed.
+//! `toolmark trace`: what was recorded, looked at and never changed; and what lives in a controller.
 //!
 //! All verbs open the directory to read it, so that they work on a backup and on a medium that cannot be written, and never while a
-//! process works in it.
+//! process works in it. The exception is the end of an action that lives in a controller ([`living`]).
 
 mod actions;
 mod export;
 mod list;
+pub mod living;
 mod mdf;
 mod observations;
 mod show;
@@ -15,6 +16,7 @@ mod verify;
 use super::Done;
 use crate::cli::{Common, TraceArgs, TraceCommand};
 use crate::failure::Failure;
+use crate::link::address;
 use crate::shop;
 use ledger::Event;
 use std::collections::BTreeMap;
@@ -35,7 +37,24 @@ pub fn trace(args: &TraceArgs, common: &Common) -> Done {
     match &args.what {
         TraceCommand::List { dir } => list::list(&root(dir)?, common),
         TraceCommand::Show { job, dir, events } => show::show(&root(dir)?, job, *events, common),
-        TraceCommand::Actions { job, dir } => actions::actions(&root(dir)?, job, common),
+        TraceCommand::Actions { job, dir, machine_file } => {
+            let of_a_controller = address::is_address(&common.machine);
+            match job {
+                Some(_) if of_a_controller => Err(Failure::usage(
+                    "the actions of a job are in the data directory, those that live now in the controller: give JOB or --machine tcp://..., \
+                     not both",
+                )),
+                Some(_) if machine_file.is_some() => Err(Failure::usage(
+                    "--machine-file is for a machine behind tcp://: the actions of a job are in the data directory",
+                )),
+                Some(job) => actions::actions(&root(dir)?, job, common),
+                None if of_a_controller => living::list(machine_file.as_deref(), common),
+                None => Err(Failure::usage(
+                    "give the number of a job, or `last`; or --machine tcp://HOST:PORT for the actions that live in a controller",
+                )),
+            }
+        }
+        TraceCommand::End { which, machine_file } => living::end(which, machine_file.as_deref(), common),
         TraceCommand::Export {
             job,
             dir,

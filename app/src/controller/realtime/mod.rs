@@ -12,7 +12,7 @@ pub mod privileges;
 pub use lateness::Punctuality;
 pub use privileges::Privileges;
 
-use machine::link::{Follower, Order, Status, UrgentOrder};
+use machine::link::{Follower, Lives, Order, Status, UrgentOrder};
 use machine::watch::Firing;
 use machine::{Command, ControlPad, CyclicDrive, NoPad, RealtimeHalf, Report, Request};
 use rtrb::{Consumer, Producer, RingBuffer};
@@ -34,6 +34,10 @@ pub const REQUESTS: usize = 64;
 pub const REPORTS: usize = 2048;
 /// Firings of conditions that wait with them at most; the machine keeps some more, and counts what it loses.
 pub const FIRINGS: usize = 4096;
+/// What lives in the machine, told to who asked: so many wait at most.
+pub const LIVES: usize = 256;
+/// So many of them in one cycle: four thousand take a quarter of a second, and no cycle is late for it.
+const LIVES_A_CYCLE: usize = 16;
 
 /// Cycle after cycle until `stop`: sleeps until shortly before the beginning of each by the monotonic clock, waits awake for it, counts how
 /// late it was, and calls `cycle` with its number and with how many from it on are made up for.
@@ -104,6 +108,7 @@ pub struct Servo<D, P = NoPad> {
     at_once: Consumer<AtOnce>,
     told: Producer<Told>,
     firings: Producer<Firing>,
+    lives: Producer<Lives>,
     /// Taken from the ring, and the machine had no place for it.
     waiting: Option<Queued>,
     lost_reports: Arc<AtomicU64>,
@@ -119,6 +124,8 @@ pub struct Ends {
     pub told: Consumer<Told>,
     /// What fired: all of a cycle is there before its report is. Where no default link drives the machine there is none.
     pub firings: Consumer<Firing>,
+    /// What lives in the machine, where somebody has asked.
+    pub lives: Consumer<Lives>,
     /// Reports that found no place: a gap, counted.
     pub lost_reports: Arc<AtomicU64>,
 }
@@ -130,6 +137,7 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
         let (to_at_once, at_once) = RingBuffer::new(REQUESTS);
         let (told, from_told) = RingBuffer::new(REPORTS);
         let (firings, from_firings) = RingBuffer::new(FIRINGS);
+        let (lives, from_lives) = RingBuffer::new(LIVES);
         let lost_reports = Arc::new(AtomicU64::new(0));
         let servo = Servo {
             half: Box::new(half),
@@ -138,6 +146,7 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
             at_once,
             told,
             firings,
+            lives,
             waiting: None,
             lost_reports: Arc::clone(&lost_reports),
         };
@@ -146,6 +155,7 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
             at_once: to_at_once,
             told: from_told,
             firings: from_firings,
+            lives: from_lives,
             lost_reports,
         };
         (servo, ends)
@@ -183,6 +193,14 @@ impl<D: CyclicDrive, P: ControlPad> Servo<D, P> {
             .tick_by(now, &mut || u64::try_from(clock::now().as_nanos()).unwrap_or(u64::MAX));
         if let Some(follower) = &mut self.follower {
             follower.after_tick(&mut self.half);
+            for _ in 0..LIVES_A_CYCLE {
+                if self.lives.is_full() {
+                    break;
+                }
+                let Some(lives) = follower.lives(&mut self.half) else { break };
+                // There was a place, and nobody else fills it.
+                let _ = self.lives.push(lives);
+            }
         }
         while !self.told.is_full() && self.tell_firings() {
             let Some(report) = self.half.report() else { break };

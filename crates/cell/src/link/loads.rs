@@ -2,6 +2,7 @@
 //! come.
 
 use super::error::LinkError;
+use super::words;
 use machine::link::loading::{LOADS_UNDER_WAY, Loads as Answers};
 use machine::link::message::{LoadHead, LoadWhat};
 use machine::link::{Loaded, Wire, Writer};
@@ -24,6 +25,8 @@ pub enum Load {
         operations: Vec<Operation>,
         /// What it does to alarms.
         alarms: Vec<AlarmOrder>,
+        /// The line of the program that starts it, for whoever asks what lives in the machine.
+        line: String,
     },
     /// The diameter of a tool, for cutting speeds.
     Tool {
@@ -34,18 +37,18 @@ pub enum Load {
     },
 }
 
-impl From<&Compiled> for Load {
-    fn from(compiled: &Compiled) -> Self {
+impl Load {
+    /// A condition, and the line that starts it.
+    pub fn condition(line: &str, compiled: &Compiled) -> Self {
         Load::Watch {
             frequency: compiled.frequency,
             all_modes: compiled.all_modes,
             operations: compiled.operations.clone(),
             alarms: compiled.alarms.clone(),
+            line: words::bounded(line),
         }
     }
-}
 
-impl Load {
     /// Writes it as a frame carries it.
     pub(super) fn write(&self, number: u32, to: &mut Writer<'_>) {
         match self {
@@ -59,6 +62,7 @@ impl Load {
                 all_modes,
                 operations,
                 alarms,
+                line,
             } => {
                 // What is longer was refused when it was given.
                 let what = LoadWhat::Watch {
@@ -70,6 +74,7 @@ impl Load {
                 LoadHead { number, what }.write(to);
                 operations.iter().for_each(|operation| operation.write(to));
                 alarms.iter().for_each(|order| order.write(to));
+                words::write(line, to);
             }
         }
     }

@@ -4,10 +4,13 @@
 //! from there are reports and the follower's account.
 
 mod coming;
+mod living;
 mod telling;
 
 use super::error::LinkError;
 use super::wire::{Came, Wired};
+use super::words;
+use living::Register;
 use machine::link::message::{
     AXES, BLOCK, BlockHead, HEARTBEAT, Hello, LoadHead, LoadWhat, ReportsHead, SILENCE, SenderHeartbeat, TAIL, UNITS, Welcome,
 };
@@ -93,6 +96,15 @@ pub enum Notice {
         /// Who.
         name: String,
     },
+    /// Somebody ended what lived in the machine.
+    Ended {
+        /// Who.
+        name: String,
+        /// Its number.
+        mark: u32,
+        /// The line that started it.
+        line: String,
+    },
 }
 
 impl std::fmt::Display for Notice {
@@ -104,6 +116,7 @@ impl std::fmt::Display for Notice {
             Notice::Closed { connection, why } => write!(f, "connection {connection} was closed: {why}"),
             Notice::Lost { name } => write!(f, "'{name}' is silent: controlled stop"),
             Notice::Done { name } => write!(f, "'{name}' is done"),
+            Notice::Ended { name, mark, line } => write!(f, "'{name}' ended synchronized action {mark}: {line}"),
         }
     }
 }
@@ -137,6 +150,8 @@ struct Side {
     wired: Wired,
     out: Vec<u8>,
     greeted: bool,
+    /// It asks, and does not drive.
+    asked: bool,
     closing: bool,
 }
 
@@ -168,6 +183,7 @@ pub struct LinkReceiver {
     standing: bool,
     notices: VecDeque<Notice>,
     counts: ReceiverCounts,
+    register: Register,
 }
 
 impl LinkReceiver {
@@ -199,6 +215,7 @@ impl LinkReceiver {
             standing: true,
             notices: VecDeque::new(),
             counts: ReceiverCounts::default(),
+            register: Register::default(),
         }
     }
 
@@ -208,6 +225,7 @@ impl LinkReceiver {
             wired: Wired::new(now),
             out: Vec::new(),
             greeted: false,
+            asked: false,
             closing: false,
         };
         self.sides.insert(connection, side);
@@ -322,6 +340,7 @@ impl LinkReceiver {
         self.state = report.state;
         self.standing = report.idle || report.state.needs_a_person();
         self.status = status;
+        self.register.now = report.sample.tick;
         if self.lease.as_ref().is_none_or(|l| l.session != status.session) {
             // It is of nobody's run, or of the one before: nobody's record has a gap.
             self.first_report += self.reports.len() as u64 + 1;

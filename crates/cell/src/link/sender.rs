@@ -20,7 +20,7 @@ use machine::link::message::{
     AXES, BLOCK, BlockHead, HEARTBEAT, Hello, LOOK_AHEAD, ReportsHead, SILENCE, SenderHeartbeat, TAIL, UNITS, Welcome,
 };
 use machine::link::{Entry, Kind, LimitsHash, Loaded, Name, PlanId, Reader, Status, Urgent, Wire};
-use machine::watch::Firing;
+use machine::watch::{Firing, FiringKind};
 use machine::{Command, MachineParameters, Report, Request, State, StopCause};
 use std::collections::{BTreeSet, VecDeque};
 use units::Tick;
@@ -100,6 +100,8 @@ pub struct LinkSender {
     next_firing: u64,
     /// Conditions that have fired, as far as was heard.
     fired: BTreeSet<u16>,
+    /// Conditions that somebody has ended by hand: they are not taken up again.
+    ended: BTreeSet<u16>,
     /// What sessions before the present one had lost.
     lost_before: (u64, u64),
     /// Sessions that a controller began which knew nothing of the one before.
@@ -141,6 +143,7 @@ impl LinkSender {
             firings: VecDeque::new(),
             next_firing: 0,
             fired: BTreeSet::new(),
+            ended: BTreeSet::new(),
             lost_before: (0, 0),
             begun_anew: 0,
             loads: Loads::default(),

@@ -70,12 +70,17 @@ impl InForce {
         }
     }
 
-    /// What takes the conditions up again on a machine on which they are over; those in `fired` had fired. On one that only stopped they run
-    /// on where they are, and this changes nothing.
-    pub fn watch_commands<'f>(&'f self, fired: &'f BTreeSet<u16>) -> impl Iterator<Item = Command> + 'f {
+    /// What takes the conditions up again on a machine on which they are over; those in `fired` had fired, those in `ended` were ended by hand
+    /// and stay so. On one that only stopped they run on where they are, and this changes nothing.
+    pub fn watch_commands<'f>(
+        &'f self,
+        fired: &'f BTreeSet<u16>,
+        ended: &'f BTreeSet<u16>,
+    ) -> impl Iterator<Item = Command> + 'f {
         let step = self.step;
         let begins = self.in_operation.then_some(WatchOrder::OperationUnderWay);
-        let starts = self.watches.iter().map(|&watch| WatchOrder::TakeUp {
+        let starts = self.watches.iter().filter(|watch| !ended.contains(watch));
+        let starts = starts.map(|&watch| WatchOrder::TakeUp {
             watch,
             fired: fired.contains(&watch),
         });

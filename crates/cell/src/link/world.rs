@@ -14,6 +14,7 @@ use crate::sink::RecordSink;
 use crate::source::CommandSource;
 use ledger::Chain;
 use machine::link::{Follower, Loaded, Order, PlanId};
+use machine::watch::FiringKind;
 use machine::{MachineParameters, Plant, Quality, RealtimeHalf, Report, Request, State};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use trace::record::Recorder;
@@ -232,10 +233,10 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
             }
             office.refill(|command| sender.push(command));
             if !self.load_given
-                && let Some(compiled) = office.to_load()
+                && let Some((line, compiled)) = office.to_load()
             {
                 self.load_given = true;
-                sender.load(Load::from(compiled));
+                sender.load(Load::condition(line, compiled));
             }
         }
         self.exchange();
@@ -289,8 +290,8 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
                 sender.load(Load::Tool { tool, diameter });
                 self.beforehand.push_back(Loaded::Tool);
             }
-            for (number, (_, compiled)) in (0..).zip(&found.conditions) {
-                sender.load(Load::from(compiled));
+            for (number, (line, compiled)) in (0..).zip(&found.conditions) {
+                sender.load(Load::condition(line, compiled));
                 self.beforehand.push_back(Loaded::Watch(number));
             }
         }
@@ -330,9 +331,12 @@ impl<'a, S: CommandSource> LinkedWorld<'a, S> {
         }
         self.realtime.tick(self.now);
         self.follower.after_tick(&mut self.realtime);
+        while let Some(told) = self.follower.lives(&mut self.realtime) {
+            self.receiver.lives(self.now, told);
+        }
         while let Some(report) = self.realtime.report() {
             while let Some(firing) = self.realtime.firing(report.sample.tick) {
-                *self.made.entry(firing.watch).or_default() += u64::from(firing.known);
+                *self.made.entry(firing.watch).or_default() += u64::from(firing.kind == FiringKind::Fired);
                 self.receiver.fired(firing);
             }
             seen(&report);

@@ -1,9 +1,9 @@
 //! Tool calls, with the words that a program has for them, and the workingsteps that they begin.
 
 use super::*;
+use crate::line::Line;
 use plan::RawNcFunction;
 use plan::comment::Comment;
-use std::collections::BTreeMap;
 
 impl Interpreter {
     pub(super) fn set_tool(&mut self, block: &mut Block, site: Site<'_>) -> Outcome<()> {
@@ -113,9 +113,27 @@ impl Interpreter {
         is_message
     }
 
+    /// Takes the functions out of the comments of a line that holds words, before the words are done. A block that holds no more than its
+    /// sequence number is the function's own.
+    pub(crate) fn take_functions(&mut self, line: &Line, site: Site<'_>) {
+        let own_block = line.statement.is_none() && line.program.is_none() && line.words.iter().all(|word| word.letter == b'N');
+        if own_block
+            && let Some((start, _)) = line.comment
+            && self.take_function(start, site, true)
+        {
+            return;
+        }
+        self.tell_function();
+        if let Some((start, _)) = line.comment
+            && self.take_function(start, site, false)
+        {
+            self.tell_function();
+        }
+    }
+
     /// Takes a function of the traceability vocabulary out of the comments of a line; `start` is behind the bracket of the first. False
     /// when they say nothing to it. What goes on in the next line is waited for: [`Interpreter::tell_function`].
-    pub(crate) fn take_function(&mut self, start: usize, site: Site<'_>, own_block: bool) -> bool {
+    fn take_function(&mut self, start: usize, site: Site<'_>, own_block: bool) -> bool {
         let begins = site.text[start..].trim_ascii_start();
         if !begins.get(..6).is_some_and(|b| b.eq_ignore_ascii_case(b"trace:")) {
             return false;
@@ -173,13 +191,16 @@ impl Interpreter {
     pub(crate) fn tell_function(&mut self) {
         if let Some((origin, text)) = self.function.take() {
             let name = text.split_whitespace().nth(1).unwrap_or_default().to_owned();
+            let properties = self.present_values(&text);
+            self.await_written(&text, origin);
             self.tell_behind(
                 origin,
                 StepKind::NcFunction(RawNcFunction {
                     kind: RawNcFunction::EXTENDED.to_owned(),
                     name,
                     text,
-                    properties: BTreeMap::new(),
+                    condition: None,
+                    properties,
                 }),
             );
         }

@@ -32,12 +32,7 @@ impl GcodeProgram {
                         self.interpreter.program_number = number;
                     }
                     self.at_start = false;
-                    self.interpreter.tell_function();
-                    if let Some((start, _)) = kept.line.comment
-                        && self.interpreter.take_function(start, site, false)
-                    {
-                        self.interpreter.tell_function();
-                    }
+                    self.interpreter.take_functions(&kept.line, site);
                     let result = act(&mut self.interpreter, &mut self.block, &kept.line, site, &mut self.stack);
                     self.count_block();
                     result

@@ -72,23 +72,14 @@ impl GcodeProgram {
             });
             let result = match line.kind {
                 _ if read.is_err() => read,
-                Kind::Blank => match line.comment {
-                    Some((start, end))
-                        if site.text[start..end]
-                            .trim_ascii_start()
-                            .get(..6)
-                            .is_some_and(|b| b.eq_ignore_ascii_case(b"trace:")) =>
-                    {
-                        Err(Fault::new(
-                            start,
-                            0,
-                            "T-12",
-                            "a function stands inside the contour of a cycle",
-                            "move it before the cycle, or behind the contour",
-                        ))
-                    }
-                    _ => continue,
-                },
+                _ if begins_function(&line, site.text) => Err(Fault::new(
+                    line.comment.map_or(0, |(start, _)| start),
+                    0,
+                    "T-12",
+                    "a function stands inside the contour of a cycle",
+                    "move it before the cycle, or behind the contour",
+                )),
+                Kind::Blank => continue,
                 Kind::Words if line.program.is_none() => {
                     let told = self.interpreter.contour_block(contour, request, &mut self.block, site);
                     if told.is_ok() && line.sequence == Some(request.last) {
@@ -111,4 +102,11 @@ impl GcodeProgram {
             }
         }
     }
+}
+
+/// True when a comment of the line is one of the vocabulary.
+fn begins_function(line: &Line, text: &[u8]) -> bool {
+    let Some((start, _)) = line.comment else { return false };
+    let word = text[start..].trim_ascii_start().get(..6);
+    word.is_some_and(|word| word.eq_ignore_ascii_case(b"trace:"))
 }

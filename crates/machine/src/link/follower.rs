@@ -4,6 +4,7 @@
 //! It stands between the queue that the receiving task fills and the [`RealtimeHalf`], in the realtime thread: what it has to decide,
 //! it decides from what is there, and if the receiving task dies, the tail is in the machine's queue already.
 
+use super::asking::{ENDS_UNDER_WAY, Lives, Sweep};
 use super::loading::{LoadPart, Loading, Loads};
 use super::message::{Entry, Status, Urgent};
 use crate::controller::{Counters, QUEUE};
@@ -58,6 +59,13 @@ pub enum UrgentOrder {
     LinkBack,
     /// A part of what it loads.
     Load(LoadPart),
+    /// Tell what lives in the machine ([`Follower::lives`]).
+    Living,
+    /// End what has this mark, and tell it.
+    End {
+        /// Which.
+        mark: u32,
+    },
 }
 
 /// Where the plan is when a queued command is done.
@@ -83,6 +91,9 @@ pub struct Follower {
     before: Counters,
     lost_firings_before: u64,
     loading: Loading,
+    sweep: Sweep,
+    /// What became of what was to be ended.
+    ended: Ring<Lives, ENDS_UNDER_WAY>,
     lost: bool,
     /// The stop tail was used: when it has come to rest the machine is held.
     on_tail: bool,
@@ -121,6 +132,8 @@ impl Follower {
             before: ZERO,
             lost_firings_before: 0,
             loading: Loading::new(),
+            sweep: Sweep::Over,
+            ended: Ring::new(),
             lost: true,
             on_tail: false,
             too_late: 0,
@@ -197,6 +210,10 @@ impl Follower {
                     self.before = half.controller().counters();
                     self.loading.new_plan();
                     half.new_program();
+                    // Their places are other ones now.
+                    if self.sweep != Sweep::Over {
+                        self.sweep = Sweep::Asked;
+                    }
                     self.lost_firings_before = half.watches().counters().lost_firings;
                     self.status.lost_firings = 0;
                 }
@@ -208,6 +225,12 @@ impl Follower {
             }
             UrgentOrder::LinkBack => self.lost = false,
             UrgentOrder::Load(part) => self.loading.take(part, &mut self.status.loads, half),
+            UrgentOrder::Living => self.sweep = Sweep::Asked,
+            UrgentOrder::End { mark } => {
+                let what = half.watches().end(mark);
+                // There are never more under way than it has places for.
+                let _ = self.ended.push(Lives::Ended { mark, what });
+            }
         }
     }
 
@@ -225,6 +248,12 @@ impl Follower {
             // A stop that nobody asked for ends as one that somebody did: only cycle start leads on.
             half.request(Request::Hold);
         }
+    }
+
+    /// The next thing to be told of what lives in the machine; `None`: nothing was asked, or no more in this cycle. Ask a few times in each:
+    /// so many places are looked at at most.
+    pub fn lives<D: CyclicDrive, P: ControlPad>(&mut self, half: &mut RealtimeHalf<D, P>) -> Option<Lives> {
+        self.ended.pop().or_else(|| self.sweep.next(half.watches()))
     }
 
     /// How far everything is. The numbers of reports are the receiving task's.

@@ -51,6 +51,10 @@ pub enum Kind {
     Goodbye,
     /// A condition, or a tool's diameter, that the machine is to know before it is told of it.
     Load,
+    /// Somebody who does not drive asks what lives in the machine, or ends it: the first and only frame of its connection.
+    Inquiry,
+    /// What it hears.
+    Answer,
 }
 super::wire::wire_enum!(Kind {
     1 = Hello,
@@ -62,6 +66,8 @@ super::wire::wire_enum!(Kind {
     7 = Heartbeat,
     8 = Goodbye,
     9 = Load,
+    10 = Inquiry,
+    11 = Answer,
 });
 
 /// What stands in a frame before its payload.

@@ -9,7 +9,8 @@ use crate::realtime::Report;
 use crate::sample::{Phase, Quality, Sample};
 use crate::state::{FaultCause, HomingStage, State, StopCause, Wait};
 use crate::watch::{
-    AlarmOrder, BadCondition, Firing, Frequency, LoadError, Operation, Reaction, Relation, ResetBy, WatchCost, WatchOrder,
+    AlarmOrder, BadCondition, Firing, FiringKind, Frequency, Living, LoadError, Operation, Reaction, Relation, ResetBy,
+    WatchCost, WatchOrder,
 };
 use crate::{Command, CoolantOutlets, SetPoint, SpindleCommand, Tie};
 
@@ -111,7 +112,18 @@ wire_enum!(BadCondition {
     4 = Number { at },
     5 = Result,
 });
-wire_struct!(Firing { tick, watch, known });
+wire_struct!(Firing { tick, watch, kind });
+wire_enum!(FiringKind {
+    0 = Unknown,
+    1 = Fired,
+    2 = Ended,
+});
+wire_struct!(Living {
+    mark,
+    all_modes,
+    since,
+    fired
+});
 wire_struct!(WatchCost { operations, nanoseconds });
 wire_enum!(SpindleCommand {
     0 = Stop,

@@ -65,6 +65,8 @@ pub enum LoadPart {
         frequency: Frequency,
         /// It goes on in every mode.
         all_modes: bool,
+        /// By which mark it is asked for, from 1 on.
+        mark: u32,
     },
     /// One of its operations.
     Operation(Operation),
@@ -91,6 +93,7 @@ pub enum LoadPart {
 pub(super) struct Loading {
     frequency: Frequency,
     all_modes: bool,
+    mark: u32,
     operations: [Operation; LONGEST],
     length: usize,
     alarms: [AlarmOrder; ALARMS_OF_A_WATCH],
@@ -107,6 +110,7 @@ impl Loading {
         Loading {
             frequency: Frequency::NoKeyword,
             all_modes: false,
+            mark: 0,
             operations: [Operation::Not; LONGEST],
             length: 0,
             alarms: [AlarmOrder::Clear { alarm: 0 }; ALARMS_OF_A_WATCH],
@@ -125,8 +129,12 @@ impl Loading {
     /// Takes a part; `loads` are the answers that the sender hears.
     pub fn take<D: CyclicDrive, P: ControlPad>(&mut self, part: LoadPart, loads: &mut Loads, half: &mut RealtimeHalf<D, P>) {
         match part {
-            LoadPart::Watch { frequency, all_modes } => {
-                (self.frequency, self.all_modes) = (frequency, all_modes);
+            LoadPart::Watch {
+                frequency,
+                all_modes,
+                mark,
+            } => {
+                (self.frequency, self.all_modes, self.mark) = (frequency, all_modes, mark);
                 (self.length, self.orders, self.too_long) = (0, 0, false);
             }
             LoadPart::Operation(operation) => match self.operations.get_mut(self.length) {
@@ -196,7 +204,10 @@ impl Loading {
             alarms: &self.alarms[..self.orders],
         };
         match half.watches().load(&watch) {
-            Ok(number) => Loaded::Watch(number),
+            Ok(number) => {
+                half.watches().mark(number, self.mark);
+                Loaded::Watch(number)
+            }
             Err(why) => Loaded::Refused(why),
         }
     }

@@ -366,7 +366,7 @@ wire_struct!(LoadHead { number, what });
 /// What is loaded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LoadWhat {
-    /// A condition; behind it stand its operations and then its orders for alarms.
+    /// A condition; behind it stand its operations, its orders for alarms, and the line that starts it with its length in two bytes.
     Watch {
         /// When it fires.
         frequency: Frequency,

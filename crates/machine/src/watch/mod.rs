@@ -4,16 +4,19 @@
 //! [`WatchOrder`]s in order with the path, and evaluated in the order in which they were started. What a watch does to the machine (an
 //! alarm and its reaction) happens here, in the same cycle; what it records is the office half's, which hears of each firing.
 //!
-//! Read on: [`mod@signal`] for what can be looked at, [`mod@condition`] for the operations.
+//! Read on: [`mod@signal`] for what can be looked at, [`mod@condition`] for the operations, [`mod@living`] for what runs and its end by hand.
 
 pub mod condition;
+pub mod living;
 pub mod signal;
 
 pub use condition::{BadCondition, Operation, Relation};
+pub use living::Living;
 pub use signal::{Mode, NO_SENSOR, Readings, SIGNALS, Signal, Situation, WatchCost, signal};
 
 use crate::Ring;
 use condition::{Deciding, Packed, evaluate, evaluate_all, only_comparisons};
+use living::Life;
 use units::{StepId, Tick};
 
 /// Highest number of an alarm of a program.
@@ -155,15 +158,26 @@ impl LoadError {
     }
 }
 
-/// A watch has fired, or could not be decided.
+/// A watch has fired, could not be decided, or was ended by hand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Firing {
     /// The cycle of the condition.
     pub tick: Tick,
     /// Which watch.
     pub watch: u16,
-    /// False when the condition became unknown: a sensor went away. Told once each time.
-    pub known: bool,
+    /// What.
+    pub kind: FiringKind,
+}
+
+/// What is told of a watch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FiringKind {
+    /// It has fired.
+    Fired,
+    /// Its condition became unknown: a sensor went away. Told once each time.
+    Unknown,
+    /// Somebody ended it by hand ([`Watches::end`]).
+    Ended,
 }
 
 /// What one cycle of all watches comes to.
@@ -190,6 +204,8 @@ pub struct Watches<const CONDITIONS: usize = { self::CONDITIONS }, const OPERATI
     slots: [Slot; CONDITIONS],
     /// What each does to alarms when it fires. Apart from the slots: these are read in every cycle and have to stay in the cache.
     orders: [Orders; CONDITIONS],
+    /// What is asked for by name, for the same reason.
+    lives: [Life; CONDITIONS],
     loaded: usize,
     /// Those before this place are of programs before the present one, whose first has number 0.
     base: usize,
@@ -200,6 +216,8 @@ pub struct Watches<const CONDITIONS: usize = { self::CONDITIONS }, const OPERATI
     /// The numbers of those that run, in the order of their start.
     running: [u16; CONDITIONS],
     runs: usize,
+    /// The last cycle.
+    now: Tick,
     alarms: Alarms,
     stop_after_operation: bool,
     firings: Ring<Firing, FIRINGS>,
@@ -326,6 +344,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
         Watches {
             slots: [EMPTY; CONDITIONS],
             orders: [[None; ALARMS_OF_A_WATCH]; CONDITIONS],
+            lives: [Life::NONE; CONDITIONS],
             loaded: 0,
             base: 0,
             operations: [const { Packed::NONE }; OPERATIONS],
@@ -334,6 +353,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
             numbers: 0,
             running: [0; CONDITIONS],
             runs: 0,
+            now: Tick(0),
             alarms: Alarms {
                 active: [0; 16],
                 acknowledge: [0; 16],
@@ -390,6 +410,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
             ..EMPTY
         };
         self.orders[self.loaded] = core::array::from_fn(|k| watch.alarms.get(k).copied());
+        self.lives[self.loaded] = Life::NONE;
         self.used = end;
         self.loaded += 1;
         Ok((self.loaded - 1 - self.base) as u16)
@@ -425,6 +446,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
                 ..slot
             };
             self.orders[usize::from(slot.place)] = self.orders[at];
+            self.lives[usize::from(slot.place)] = self.lives[at];
             used += length;
         }
         (self.loaded, self.base, self.used) = (self.runs, self.runs, used);
@@ -512,6 +534,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
     /// One cycle of all that run, on the values of this cycle.
     pub fn cycle(&mut self, now: Tick, readings: &Readings, mode: Mode) -> Verdict {
         let mut verdict = Verdict::default();
+        self.now = now;
         let values = readings.values();
         for at in 0..self.runs {
             let number = self.running[at];
@@ -545,7 +568,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
             };
             if truth.is_nan() {
                 if !core::mem::replace(&mut slot.unknown, true) {
-                    self.tell(now, number, false);
+                    self.tell(now, number, FiringKind::Unknown);
                 }
                 continue;
             }
@@ -637,6 +660,7 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
         let slot = &mut self.slots[at];
         (slot.latch, slot.settling, slot.unknown) = (false, false, false);
         slot.deciding = Deciding::NOTHING;
+        self.lives[at].begin(self.now);
         self.run(at);
     }
 
@@ -647,8 +671,12 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
             return;
         }
         let slot = &mut self.slots[at];
-        if slot.runs {
+        // What a person has ended stays so, whoever knows it.
+        if slot.runs || self.lives[at].ended {
             return;
+        }
+        if !slot.started {
+            self.lives[at].begin(self.now);
         }
         match slot.frequency {
             // What has fired stays so, whoever knows it.
@@ -667,21 +695,28 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
     }
 
     fn stop(&mut self, number: u16) {
-        let slot = self.base + usize::from(number);
+        if !self.take_off(self.base + usize::from(number)) {
+            self.counters.refused_orders += 1;
+        }
+    }
+
+    /// Takes what runs off the list; false where it does not run.
+    fn take_off(&mut self, slot: usize) -> bool {
         let Some(at) = self.running[..self.runs]
             .iter()
             .position(|running| usize::from(*running) == slot)
         else {
-            self.counters.refused_orders += 1;
-            return;
+            return false;
         };
         self.running.copy_within(at + 1..self.runs, at);
         self.runs -= 1;
         self.slots[slot].runs = false;
+        true
     }
 
     fn fire(&mut self, now: Tick, watch: u16) -> Reaction {
-        self.tell(now, watch, true);
+        self.tell(now, watch, FiringKind::Fired);
+        self.lives[usize::from(watch)].fired += 1;
         let mut strongest = Reaction::None;
         for order in self.orders[usize::from(watch)].into_iter().flatten() {
             let reaction = self.alarms.obey(order);
@@ -699,17 +734,17 @@ impl<const CONDITIONS: usize, const OPERATIONS: usize> Watches<CONDITIONS, OPERA
         reaction
     }
 
-    fn tell(&mut self, tick: Tick, slot: u16, known: bool) {
+    fn tell(&mut self, tick: Tick, slot: u16, kind: FiringKind) {
         let Some(number) = usize::from(slot).checked_sub(self.base) else {
             return;
         };
         let firing = Firing {
             tick,
             watch: number as u16,
-            known,
+            kind,
         };
         let alarms = self.orders[usize::from(slot)][0].is_some();
-        let room = if alarms { 0 } else { RESERVED };
+        let room = if alarms || kind == FiringKind::Ended { 0 } else { RESERVED };
         if self.firings.free() <= room || self.firings.push(firing).is_err() {
             self.counters.lost_firings += 1;
         }

@@ -37,6 +37,9 @@ const BRANCH: &str = "MACHINING_PROCESS_BRANCH_RELATIONSHIP";
 const CONCURRENT: &str = "MACHINING_PROCESS_CONCURRENT_RELATIONSHIP";
 const BODY: &str = "MACHINING_PROCESS_BODY_RELATIONSHIP";
 
+/// Every kind of broadcast, in the draft's mapping table (5.1.16).
+const BROADCAST: &str = "MACHINING_BROADCAST_STRATEGY";
+
 impl Builder {
     pub(super) fn run(mut self, program: &mut Program) {
         let aim = Aim::new(&program.file);
@@ -114,8 +117,23 @@ impl Builder {
         program.operations = operations;
         program.projects = projects;
         self.check_structure(program);
+        self.name_broadcasts(program);
         for diagnostic in self.found.as_slice() {
             program.diagnostics.add(diagnostic.clone());
+        }
+    }
+
+    /// Broadcasts come with the draft of edition 4, whose AIM is not published: they are kept, named, and record nothing.
+    fn name_broadcasts(&mut self, program: &Program) {
+        let aim = program.aim();
+        for row in aim.file.by_keyword(BROADCAST) {
+            let fault = Fault::new(
+                aim.file.id(row),
+                "broadcast",
+                "a broadcast is of the draft of edition 4: it is kept, and records nothing here",
+                "put 'trace:1 start_sensor_recording ...' before the workingstep",
+            );
+            program.note(&mut self.found, Severity::Warning, &fault);
         }
     }
 
@@ -507,6 +525,9 @@ fn function(aim: Aim, description: &str, links: &Links) -> Function {
     let mut function = Function {
         kind: description.to_string(),
         text: String::new(),
+        condition: links
+            .property("condition")
+            .map(|_| expression::of_property(aim, links, "condition")),
         properties: BTreeMap::new(),
     };
     for (name, representation, _) in &links.properties {
@@ -523,7 +544,7 @@ fn function(aim: Aim, description: &str, links: &Links) -> Function {
         match name.as_str() {
             // The mapping table says 'description', the local rule of the AIM 'function text': files have either.
             "message text" | "description" | "function text" => function.text = aim.description(item).unwrap_or_default(),
-            "enabled" | "toolpath orientation" | "security plane" => {}
+            "condition" | "enabled" | "toolpath orientation" | "security plane" => {}
             _ => {
                 function.properties.insert(name.clone(), value);
             }

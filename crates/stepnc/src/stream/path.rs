@@ -110,6 +110,7 @@ impl Walker<'_> {
                 kind: "other functions".into(),
                 name: toolpath.name.clone(),
                 text: String::new(),
+                condition: None,
                 properties,
             })
         });

@@ -25,6 +25,8 @@ pub(super) struct Sheet {
     /// Instances that say a word, units by name, directions by their numbers.
     words: BTreeMap<String, u64>,
     units: BTreeMap<&'static str, u64>,
+    /// Variables of expressions, by their entity and name.
+    pub(super) variables: BTreeMap<(&'static str, String), u64>,
     directions: BTreeMap<[u64; 3], u64>,
 }
 
@@ -45,6 +47,7 @@ impl Sheet {
             no_units: 0,
             words: BTreeMap::new(),
             units: BTreeMap::new(),
+            variables: BTreeMap::new(),
             directions: BTreeMap::new(),
         };
         let application = sheet.add("APPLICATION_CONTEXT('Application protocol for the exchange of CNC data')");

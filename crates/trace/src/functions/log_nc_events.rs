@@ -12,7 +12,7 @@ pub const FUNCTION: Definition = Definition {
         &[
             required("its_function_id", Kind::Text, "names it, for OFF"),
             required("its_state", Kind::State, "on or off"),
-            key("its_kinds", Kind::List, "kinds of events; none is all of them"),
+            key("its_kinds", Kind::List, "kinds of events (below); none is all of them"),
         ],
         LOG,
     ],

@@ -277,6 +277,13 @@ const AXIS: &[Key] = &[
     key("its_axes", Kind::List, "several axes"),
 ];
 const SPINDLE: &[Key] = &[key("its_spindle", Kind::Text, "the spindle; by default S1")];
+/// Of motors, which turn spindles too.
+const MOTOR: &[Key] = &[
+    AXIS[0],
+    AXIS[1],
+    key("its_spindle", Kind::Text, "the motor of a spindle, as S1"),
+    key("its_channel", Kind::Integer(1, 16), "all motors of a channel together"),
+];
 const FRAME: &[Key] = &[key(
     "frame",
     Kind::Word(&["machine", "work", "tool_tip"]),
@@ -581,6 +588,11 @@ impl Arguments<'_> {
         let mut at = self.list("its_axes");
         at.extend(self.text("its_axis"));
         at.extend(self.text("its_spindle"));
+        // A channel is MTConnect's component Path.
+        at.extend(self.integer("its_channel").map(|channel| match channel {
+            1 => "PATH".to_owned(),
+            other => format!("PATH{other}"),
+        }));
         let details = self
             .0
             .iter()

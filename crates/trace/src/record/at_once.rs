@@ -215,6 +215,7 @@ impl Recorder {
             data.insert("planned_diameter_mm".to_owned(), Value::from(planned));
             data.insert("differs_from_plan".to_owned(), Value::from(true));
         }
+        data.entry("quality").or_insert_with(|| Value::from(self.quality(false)));
         data.insert("tool_number".to_owned(), Value::from(number));
         data
     }

@@ -1,18 +1,45 @@
 //! What the functions of the program do when their turn comes.
 
 use super::*;
+use crate::ids::Clash;
 
 /// Functions of the program.
 impl Recorder {
     pub(super) fn functions(&mut self, raw: &RawNcFunction, step: StepId, tick: Tick) {
-        for line in lines(raw) {
-            let Ok(function) = parse(&line) else { continue };
-            self.function(&function, raw.kind == ALONG, step, tick);
+        self.know_variables(raw);
+        for read in functions_of(raw) {
+            match read {
+                Ok(function) => {
+                    let before = self.told.len();
+                    self.function(&function, raw.kind == ALONG, step, tick);
+                    if let Some(log) = &function.log {
+                        for told in &mut self.told[before..] {
+                            told.data.insert("log".to_owned(), Value::from(log.clone()));
+                        }
+                    }
+                }
+                // A branch that the look through the program did not take: nobody was told before.
+                Err(found) => self.error(found.code, tick, step, json!({ "line": raw.text, "why": found.message })),
+            }
         }
+    }
+
+    /// What the program itself has put into variables that a function names. A variable that only the machine knows is not among them.
+    fn know_variables(&mut self, raw: &RawNcFunction) {
+        let known = raw.properties.iter().filter_map(|(property, value)| {
+            let name = property.strip_prefix(RawNcFunction::VARIABLE)?;
+            Some((name.to_owned(), value.parse().ok()?))
+        });
+        self.variables.extend(known);
     }
 
     pub(super) fn function(&mut self, function: &Function, along: bool, step: StepId, tick: Tick) {
         let name = function.name.clone();
+        if let Err(clash) = self.ids.follow(&function.call, along) {
+            let (Clash::Started(id, ..) | Clash::Stopped(id, ..)) = &clash;
+            let data = json!({ "function": name, "id": id.0, "why": clash.text("is not active") });
+            return self.error(clash.code(), tick, step, data);
+        }
         match &function.call {
             Call::Unknown => {
                 self.tell(
@@ -21,42 +48,33 @@ impl Recorder {
                     object(json!({ "function": name, "state": "unknown", "text": function.unread })),
                 );
             }
-            Call::LogNcEvents { id, on, kinds } => {
-                let known = self.event_logging.contains_key(id);
-                if *on && !known {
-                    self.event_logging.insert(id.clone(), (kinds.clone(), 0));
-                }
-                let count = if *on {
-                    None
-                } else {
-                    self.event_logging.remove(id).map(|(_, n)| n)
-                };
-                self.switched(&name, id, *on, known, count, (step, tick));
+            Call::LogNcEvents { id, on: true, kinds } => {
+                self.event_logging.insert(id.clone(), (kinds.clone(), 0));
+                self.switched(&name, id, None, (step, tick));
+            }
+            Call::LogNcEvents { id, on: false, .. } => {
+                let count = self.event_logging.remove(id).map_or(0, |(_, count)| count);
+                self.switched(&name, id, Some(count), (step, tick));
             }
             Call::StartToolLogging { id } => {
-                let known = self.tool_logging.contains_key(id);
-                if !known {
-                    self.tool_logging.insert(id.clone(), 0);
-                }
-                self.switched(&name, id, true, known, None, (step, tick));
+                self.tool_logging.insert(id.clone(), 0);
+                self.switched(&name, id, None, (step, tick));
             }
             Call::StopToolLogging { id } => {
-                let count = self.tool_logging.remove(id);
-                self.switched(&name, id, false, count.is_some(), count, (step, tick));
+                let count = self.tool_logging.remove(id).unwrap_or(0);
+                self.switched(&name, id, Some(count), (step, tick));
             }
-            Call::LogOperatorData { id, on } => {
-                let known = self.operator_logging.contains_key(id);
-                let count = if *on { None } else { self.operator_logging.remove(id) };
-                if *on && !known {
-                    self.operator_logging.insert(id.clone(), 1);
-                }
-                self.switched(&name, id, *on, known, count, (step, tick));
-                if *on && !known {
-                    let mut data = self.operator();
-                    data.insert("function".to_owned(), Value::from(name));
-                    data.insert("id".to_owned(), Value::from(id.0.clone()));
-                    self.tell(tick, step, data);
-                }
+            Call::LogOperatorData { id, on: true } => {
+                self.operator_logging.insert(id.clone(), 1);
+                self.switched(&name, id, None, (step, tick));
+                let mut data = self.operator();
+                data.insert("function".to_owned(), Value::from(name));
+                data.insert("id".to_owned(), Value::from(id.0.clone()));
+                self.tell(tick, step, data);
+            }
+            Call::LogOperatorData { id, on: false } => {
+                let count = self.operator_logging.remove(id).unwrap_or(0);
+                self.switched(&name, id, Some(count), (step, tick));
             }
             Call::SetEditAccessLevel { level, workplan_only } => {
                 let data = json!({
@@ -88,46 +106,35 @@ impl Recorder {
             },
             Call::StartSynchronizedAction(action) => self.start_action(function, action, (step, tick)),
             Call::StopSynchronizedAction { id } => {
-                let number = self.actions.iter().find(|(_, a)| a.runs && a.does.id == *id).map(|(n, _)| *n);
-                match number.and_then(|n| self.actions.get_mut(&n)) {
-                    Some(action) => {
-                        action.runs = false;
-                        let action = action.clone();
-                        self.tell_action_end(&action, tick, "stop");
-                    }
-                    None => self.error("T-01", tick, step, json!({ "function": name, "id": id.0 })),
+                if !self.end_action(id, tick, "stop") {
+                    // It could not be loaded (T-09), so it never ran; or it was ended by hand.
+                    self.error("T-01", tick, step, json!({ "function": name, "id": id.0 }));
                 }
             }
             _ => {
                 let mut data = self.perform(function, tick);
                 data.insert("function".to_owned(), Value::from(name));
-                if let Some(log) = &function.log {
-                    data.insert("log".to_owned(), Value::from(log.clone()));
-                }
                 self.tell(tick, step, data);
             }
         }
     }
 
-    pub(super) fn switched(
-        &mut self,
-        name: &str,
-        id: &TraceId,
-        on: bool,
-        known: bool,
-        count: Option<u64>,
-        (step, tick): (StepId, Tick),
-    ) {
-        if on == known {
-            let code = if on { "T-02" } else { "T-01" };
-            return self.error(code, tick, step, json!({ "function": name, "id": id.0 }));
-        }
-        let state = if on { "on" } else { "off" };
-        self.tell(
-            tick,
-            step,
-            object(json!({ "function": name, "id": id.0, "state": state, "records": count })),
-        );
+    /// Logging is on, or off after so many records.
+    fn switched(&mut self, name: &str, id: &TraceId, records: Option<u64>, (step, tick): (StepId, Tick)) {
+        let state = if records.is_none() { "on" } else { "off" };
+        let data = json!({ "function": name, "id": id.0, "state": state, "records": records });
+        self.tell(tick, step, object(data));
+    }
+
+    /// Ends the action that has this id; false when none runs.
+    pub(super) fn end_action(&mut self, id: &TraceId, tick: Tick, why: &str) -> bool {
+        let Some(action) = self.actions.values_mut().find(|a| a.runs && a.does.id == *id) else {
+            return false;
+        };
+        action.runs = false;
+        let action = action.clone();
+        self.tell_action_end(&action, tick, why);
+        true
     }
 
     pub(super) fn start_recording(
@@ -166,11 +173,8 @@ impl Recorder {
     }
 
     pub(super) fn start_action(&mut self, function: &Function, action: &SynchronizedAction, (step, tick): (StepId, Tick)) {
-        let active = self.actions.values().any(|a| a.runs && a.does.id == action.id);
-        let number = self.numbers.get(&function.to_string()).copied();
-        let Some(number) = number.filter(|_| !active) else {
-            let code = if active { "T-02" } else { "T-09" };
-            return self.error(code, tick, step, json!({ "function": function.name, "id": action.id.0 }));
+        let Some(number) = self.numbers.get(&function.to_string()).copied() else {
+            return self.error("T-09", tick, step, json!({ "function": function.name, "id": action.id.0 }));
         };
         let run = self.next_run;
         self.next_run += 1;

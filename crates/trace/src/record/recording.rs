@@ -135,6 +135,8 @@ struct Active {
     next_point: usize,
     tip: Option<[f64; 3]>,
     travelled: f64,
+    /// Distance at which the next sample is due, where distance decides, mm.
+    next_step: f64,
     samples: u64,
     lost: u64,
     /// Count sampling: every so many cycles for now, and what was taken; thinned when it is far too much.
@@ -336,6 +338,7 @@ impl Recordings {
             next_point: 0,
             tip: None,
             travelled: 0.0,
+            next_step: 0.0,
             samples: 0,
             lost: 0,
             stride: 1,
@@ -456,8 +459,13 @@ impl Active {
                 {
                     self.travelled += distance(previous.commanded, sample.commanded);
                 }
-                // The first sample is at distance 0; a step longer than a cycle's way cannot be due twice.
-                let due = self.travelled >= self.samples as f64 * step;
+                // The first sample is at distance 0. Several steps within one cycle's way are one sample, and no debt for later.
+                let due = self.travelled >= self.next_step;
+                if due {
+                    let next = (libm::floor(self.travelled / step) + 1.0) * step;
+                    // A step below the last digit of the way comes with every way.
+                    self.next_step = next.max(self.travelled.next_up());
+                }
                 u32::from(due)
             }
             Sampling::ByPoints { tolerance, .. } => {

@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each test takes what it needs")]
 
-use plan::{FileId, Level, Marker, Origin, Place, RawNcFunction, Step, StepKind};
+use plan::{Expression, FileId, Level, Marker, Origin, Place, RawNcFunction, Step, StepKind};
 use std::collections::BTreeMap;
 use trace::survey::{Found, Survey};
 use units::StepId;
@@ -15,6 +15,8 @@ pub enum Say<'s> {
     End(Level),
     /// A function, as its text.
     Function(&'s str),
+    /// A function, as its text, with a condition as an expression beside it.
+    Typed(&'s str, Option<Result<Expression, String>>),
     /// A line along a path.
     Along(&'s str),
     /// Anything else.
@@ -28,6 +30,7 @@ pub fn steps(said: &[Say<'_>]) -> Vec<Step> {
             kind: kind.to_owned(),
             name: String::new(),
             text: text.to_owned(),
+            condition: None,
             properties,
         })
     };
@@ -41,6 +44,13 @@ pub fn steps(said: &[Say<'_>]) -> Vec<Step> {
         }),
         Say::End(level) => StepKind::End(*level),
         Say::Function(line) => raw(RawNcFunction::EXTENDED, &format!("trace:1 {line}"), BTreeMap::new()),
+        Say::Typed(line, condition) => StepKind::NcFunction(RawNcFunction {
+            kind: RawNcFunction::EXTENDED.to_owned(),
+            name: String::new(),
+            text: format!("trace:1 {line}"),
+            condition: condition.clone(),
+            properties: BTreeMap::new(),
+        }),
         Say::Along(line) => {
             let properties = BTreeMap::from([(format!("trace:1 {line}"), String::new())]);
             raw(trace::survey::ALONG, "", properties)

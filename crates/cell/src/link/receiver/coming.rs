@@ -5,9 +5,16 @@ use super::*;
 /// What came.
 impl LinkReceiver {
     pub(super) fn frame(&mut self, connection: Connection, now: Tick, side: &mut Side, came: &Came) -> Result<(), LinkError> {
+        if side.asked {
+            return Err(LinkError::Rules("who asks says nothing else on a connection"));
+        }
         if !side.greeted {
             return match came.header.kind {
                 Kind::Hello => self.hello(connection, now, side, &came.message()?),
+                Kind::Inquiry => {
+                    self.inquire(connection, side, came.message()?);
+                    Ok(())
+                }
                 _ => Err(LinkError::Rules("a connection begins with a hello")),
             };
         }
@@ -43,7 +50,10 @@ impl LinkReceiver {
                 Ok(())
             }
             Kind::Hello => Err(LinkError::Rules("a second hello on one connection")),
-            Kind::Welcome | Kind::Refusal | Kind::Reports => Err(LinkError::Rules("only a controller sends such a frame")),
+            Kind::Inquiry => Err(LinkError::Rules("who drives does not ask on the same connection")),
+            Kind::Welcome | Kind::Refusal | Kind::Reports | Kind::Answer => {
+                Err(LinkError::Rules("only a controller sends such a frame"))
+            }
         }
     }
 
@@ -78,6 +88,9 @@ impl LinkReceiver {
                 session: self.sessions,
                 same_plan: plan_before == hello.plan,
             });
+            if plan_before != hello.plan {
+                self.register.new_plan(&mut self.urgent);
+            }
             self.orders.clear();
             // What was reported to the one before and not taken by it is lost to the record: of its own plan it shall hear so.
             let untaken = self.reports.len() as u64;
@@ -165,13 +178,23 @@ impl LinkReceiver {
                 if usize::from(operations) > LONGEST || usize::from(alarms) > ALARMS_OF_A_WATCH {
                     return Err(LinkError::Rules("a condition is longer than conditions are"));
                 }
-                parts.push(LoadPart::Watch { frequency, all_modes });
+                let mut rest = Vec::new();
                 for _ in 0..operations {
-                    parts.push(LoadPart::Operation(Wire::read(&mut reader).map_err(wrong)?));
+                    rest.push(LoadPart::Operation(Wire::read(&mut reader).map_err(wrong)?));
                 }
                 for _ in 0..alarms {
-                    parts.push(LoadPart::Alarm(Wire::read(&mut reader).map_err(wrong)?));
+                    rest.push(LoadPart::Alarm(Wire::read(&mut reader).map_err(wrong)?));
                 }
+                let line = words::read(&mut reader).map_err(wrong)?;
+                reader.end().map_err(wrong)?;
+                let by = self.lease.as_ref().map_or(Name::new(""), |lease| lease.name);
+                let mark = self.register.loads(number, all_modes, line, by);
+                parts.push(LoadPart::Watch {
+                    frequency,
+                    all_modes,
+                    mark,
+                });
+                parts.append(&mut rest);
                 parts.push(LoadPart::Whole { number });
             }
         }

@@ -107,7 +107,7 @@ impl LinkSender {
         let in_force = self.stock.in_force(done);
         let mut commands = in_force.commands(report.sample.tool);
         // On a machine that was reset or started again conditions of its program are over. It may be reset as late as now.
-        commands.extend(in_force.watch_commands(&self.fired));
+        commands.extend(in_force.watch_commands(&self.fired, &self.ended));
         commands.into_iter().map(|command| standing(command, done)).collect()
     }
 

@@ -75,8 +75,16 @@ impl LinkSender {
             let firing = Firing::read(&mut reader).map_err(wrong)?;
             if number >= self.next_firing {
                 self.next_firing = number + 1;
-                if firing.known {
-                    self.fired.insert(firing.watch);
+                match firing.kind {
+                    FiringKind::Fired => {
+                        self.fired.insert(firing.watch);
+                        // The program has started it once more.
+                        self.ended.remove(&firing.watch);
+                    }
+                    FiringKind::Ended => {
+                        self.ended.insert(firing.watch);
+                    }
+                    FiringKind::Unknown => {}
                 }
                 self.firings.push_back(firing);
             }

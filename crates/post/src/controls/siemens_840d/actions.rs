@@ -310,7 +310,7 @@ fn in_action(condition: &Expression, control: &dyn Control, sheet: &mut Sheet<'_
                     .map_or("", |(_, word)| *word);
                 Ok((format!("{}{word}{}", first.0, second.0), first.1 && second.1))
             }
-            (Seen::Before, Seen::InCycle) => {
+            (Seen::Before | Seen::Number, Seen::InCycle) => {
                 let turned = match operator {
                     Operator::Less => Operator::Greater,
                     Operator::LessOrEqual => Operator::GreaterOrEqual,

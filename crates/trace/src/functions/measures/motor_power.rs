@@ -1,7 +1,7 @@
 //! `get_motor_power` and `get_motor_power_points`.
 
 use super::Measure;
-use crate::functions::{AXIS, Block, Call, DIRECTION, Definition, LOG, POINTS, SINGLE};
+use crate::functions::{Block, Call, DIRECTION, Definition, LOG, MOTOR, POINTS, SINGLE};
 use crate::sensor::Component;
 use crate::unit::Dimension;
 
@@ -19,7 +19,7 @@ pub const GET: Definition = Definition {
     name: "get_motor_power",
     also: &[],
     block: Block::Sensors,
-    groups: &[SINGLE, DIRECTION, AXIS],
+    groups: &[SINGLE, DIRECTION, MOTOR],
     doc: "Mechanical power of a motor.",
     record: "value with unit and quality, cycle",
     example: "trace:1 get_motor_power its_axis=X",
@@ -33,7 +33,7 @@ pub const POINTS_OF: Definition = Definition {
     name: "get_motor_power_points",
     also: &[],
     block: Block::Sensors,
-    groups: &[POINTS, LOG, DIRECTION, AXIS],
+    groups: &[POINTS, LOG, DIRECTION, MOTOR],
     doc: "Mechanical power of a motor: a bounded number of values along what follows.",
     record: "samples with unit, quality and context; points that were missed",
     example: "trace:1 get_motor_power_points its_axis=X number_of_points=100",
