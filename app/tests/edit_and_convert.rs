@@ -95,6 +95,31 @@ fn edits_are_made_in_the_order_of_the_command_line() {
 }
 
 #[test]
+fn a_function_line_that_cannot_be_read_is_not_put_in() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (line, says) in [
+        ("trace:1 log_event its_knd=k", "its_knd"),
+        ("trace:1 set_edit_access_level its_level=0", "its_level"),
+        ("trace:1 start_synchronized_action its_id=1", "its_"),
+    ] {
+        let output = toolmark(
+            folder.path(),
+            &["edit", BRACKET, "--out", "a.stpnc", "--insert", "face top", line],
+        );
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{told}");
+        assert!(told.contains(says) && told.contains("nothing was written"), "{told}");
+        assert!(!folder.path().join("a.stpnc").exists());
+    }
+    // A function of a vocabulary to come is kept.
+    let unknown = ["--insert", "face top", "trace:1 weigh_chips its_scale=1"];
+    good(
+        folder.path(),
+        &[&["edit", BRACKET, "--out", "a.stpnc"], &unknown[..]].concat(),
+    );
+}
+
+#[test]
 fn a_path_that_means_nothing_or_too_much_is_exit_2_and_writes_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     for (words, says) in [

@@ -141,6 +141,13 @@ fn apply(program: &stepnc::Program, edits: &mut ProgramEdits<'_>, change: &Chang
         "insert" => {
             let at = target(program, change, first)?;
             let text = change.words[1].as_str();
+            if trace::is_line(text)
+                && let Err(found) = trace::parse(text)
+            {
+                return Err(Failure::usage(format_args!(
+                    "--insert {first} '{text}': {found}; nothing was written"
+                )));
+            }
             let what = Insert::from_text(text);
             edits.insert(at, &name_of(&what), &what).map(|_| ())
         }

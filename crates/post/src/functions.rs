@@ -113,12 +113,13 @@ pub fn of_a_frame(frame: CoordinateFrame) -> String {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Tracing {
     tool_logging: BTreeSet<String>,
+    /// By kind and id, as [`ways::span`] has them.
     checks: BTreeMap<String, Check>,
-    /// Recordings and actions that the control itself does, by id, with the number of workplans that were open at their start.
+    /// Recordings and actions that the control itself does, by kind and id, with the number of workplans that were open at their start.
     native: BTreeMap<String, (Function, usize)>,
     /// Recordings along the present path.
     along_path: Vec<String>,
-    /// How many levels were open where something that ends with its workplan began.
+    /// How many checks were begun.
     counted: u32,
     /// What begins and ends on which way of a branch.
     pub(crate) ways: ways::Ways,
@@ -129,12 +130,23 @@ pub(crate) struct Tracing {
 enum Check {
     Poll {
         values: Vec<(Sensor, Source)>,
+        /// How many were open where it began: it ends with the innermost.
         workplans: usize,
+        number: u32,
     },
     Action {
         action: SynchronizedAction,
         number: u32,
     },
+}
+
+impl Check {
+    /// They are looked at in the order of their starts.
+    fn number(&self) -> u32 {
+        match self {
+            Check::Poll { number, .. } | Check::Action { number, .. } => *number,
+        }
+    }
 }
 
 impl Posting<'_, '_> {
@@ -318,7 +330,7 @@ impl Posting<'_, '_> {
                 )))
             }
             Call::StartSensorRecording(recording) => self.poll(recording, recorder),
-            Call::StopSensorRecording { id } | Call::StopSynchronizedAction { id } => self.stopped(&id.0),
+            Call::StopSensorRecording { .. } | Call::StopSynchronizedAction { .. } => self.stopped(&function.call),
             Call::StartSynchronizedAction(action) => self.check(action),
             Call::SetAlarm(_) | Call::GetTime { .. } | Call::SetEditAccessLevel { .. } | Call::DisplayMessage { .. } => {
                 Ok(Verdict::refused("the control has nothing for it"))
@@ -355,21 +367,14 @@ impl Posting<'_, '_> {
         if verdict.grade != Grade::Native {
             return;
         }
-        match &function.call {
-            Call::StartSensorRecording(recording) => {
-                self.tracing
-                    .native
-                    .insert(key(&recording.id.0), (function.clone(), self.workplans()));
+        match ways::span(&function.call) {
+            Some((span, true)) => {
+                self.tracing.native.insert(span, (function.clone(), self.workplans()));
             }
-            Call::StartSynchronizedAction(action) => {
-                self.tracing
-                    .native
-                    .insert(key(&action.id.0), (function.clone(), self.workplans()));
+            Some((span, false)) => {
+                self.tracing.native.remove(&span);
             }
-            Call::StopSensorRecording { id } | Call::StopSynchronizedAction { id } => {
-                self.tracing.native.remove(&key(&id.0));
-            }
-            _ => {}
+            None => {}
         }
     }
 

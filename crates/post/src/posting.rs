@@ -427,10 +427,15 @@ impl<'c, 's> Posting<'c, 's> {
             }
             StepKind::Stop(kind) => self.write(&Statement::Stop(*kind)),
             StepKind::Register(change) => {
-                if let (plan::Register::WorkOffset { name, axis }, Some(after)) = (&change.register, change.after)
-                    && let Some(base) = self.bases.get_mut(name)
-                {
-                    base[*axis] = after;
+                if let (plan::Register::WorkOffset { name, axis }, Some(after)) = (&change.register, change.after) {
+                    if let Some(base) = self.bases.get_mut(name) {
+                        base[*axis] = after;
+                    }
+                    // The tool stands, and its coordinate is another; a Siemens goes by the new origin when it is called again.
+                    if work_number(name).is_none_or(|number| self.work.is_none_or(|work| work == number)) {
+                        self.at[*axis] = None;
+                        self.work = None;
+                    }
                 }
                 self.write(&Statement::Register(change))
             }

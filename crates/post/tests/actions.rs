@@ -114,3 +114,27 @@ fn what_waits_at_once_does_not_say_that_it_waits_for_the_operation() {
         );
     }
 }
+
+#[test]
+fn checks_are_looked_at_in_the_order_of_their_starts() {
+    let start = |id: &str| {
+        format!("trace:1 start_synchronized_action its_id={id} its_mode_scope=AUTOMATIC its_actions=\"log_event its_kind={id}\"")
+    };
+    let (_, text) = posted("haas", &[&start("B"), &start("A")]);
+    let events: Vec<&str> = text
+        .lines()
+        .filter_map(|line| line.strip_prefix("DPRNT[EVENT*")?.get(..1))
+        .collect();
+    assert_eq!(events, ["B", "A", "B", "A"], "{text}");
+}
+
+#[test]
+fn a_recording_and_an_action_of_one_id_do_not_take_each_others_place() {
+    let record = "trace:1 start_sensor_recording its_function_id=1 its_sensors=LOAD its_axes=X";
+    let watch = "trace:1 start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_actions=\"log_event its_kind=k\"";
+    let (_, text) = posted("haas", &[record, watch, "trace:1 stop_synchronized_action its_id=1"]);
+    assert_eq!(text.matches("DPRNT[RECORDING*1*").count(), 2, "{text}");
+    assert_eq!(text.matches("DPRNT[EVENT*K*]").count(), 2, "{text}");
+    let (_, text) = posted("siemens-840d", &[record, watch]);
+    assert!(text.contains("CANCEL(101)") && text.contains("CANCEL(1)"), "{text}");
+}

@@ -63,6 +63,21 @@ fn another_tool_is_led_to_the_height_that_the_program_says() {
 }
 
 #[test]
+fn a_place_is_gone_to_again_when_the_program_moves_its_origin() {
+    let head = "O1\nG21 G90 G54\nT1 M6\nS500 M3\nG0 G43 H1 X10. Y6. Z10.\n";
+    same_as_its_source(
+        &format!(
+            "{head}G10 L2 P1 X-310. Y-200. Z-400.\nG0 X10. Y8.\nG1 X20. F100.\nG10 L2 P1 X-310. Y-220. Z-400.\nX20. Y8.\nX30.\nM30\n"
+        ),
+        "fanuc-mill",
+    );
+    same_as_its_source(
+        &format!("{head}G10 L10 P1 R105.\nG0 X20. Z10.\nG43 H1 Z10.\nG10 L11 P1 R0.5\nG1 X20. Z10. F100.\nX30. Z10.\nZ9.\nM30\n"),
+        "fanuc-mill",
+    );
+}
+
+#[test]
 fn shifts_rotations_and_inches_are_written_out() {
     same_as_its_source(
         "O2\nG20 G90 G54 T1 M6\nS900 M3\nG0 X1. Y2.\nG43 H1 Z1.\nG52 X0.5 Y0.25\nG1 X0 Y0 F10.\nG68 X0 Y0 R30.\nX1. Y0\nG3 X2. Y1. R1.\nG69\nG52 X0 Y0\nG0 Z2.\nM30\n",

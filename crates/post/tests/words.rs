@@ -133,3 +133,13 @@ fn the_tool_goes_to_another_set_up_from_out_of_the_way() {
         assert!(down.contains('Z') && !down.contains('X'), "{down}");
     }
 }
+
+#[test]
+fn a_moved_origin_is_called_again_on_a_siemens() {
+    // $P_UIFR is data; it comes into force with the next G54.
+    let program = format!("O1\n{HEAD}G10 L2 P1 X-310. Y-200. Z-400.\nG10 L2 P2 X-100.\nX5. Y6.\nM30\n");
+    let (text, _) = post_gcode(&program, "fanuc-mill", "siemens-840d").unwrap_or_else(|e| panic!("{e}"));
+    let (_, behind) = text.split_once("$P_UIFR[1,Z,TR]=-400\n").expect("the origin is written");
+    let (before_moves, moves) = behind.split_once("X5 Y6").expect("the place is gone to again");
+    assert!(before_moves.contains("G54\n") && !moves.contains("G54"), "{text}");
+}

@@ -104,7 +104,11 @@ impl Posting<'_, '_> {
             _ => return Ok(()),
         };
         if let Ok(stop) = trace::parse(&line) {
-            self.write(&Statement::Comment(&format!("END OF THE {end}: {} {id}", function.name)))?;
+            self.write(&Statement::Comment(&format!(
+                "END OF THE {end}: {} {}",
+                function.name,
+                id.split_once(' ').map_or(id, |(_, id)| id)
+            )))?;
             self.control.function(&stop, &mut self.sheet)?;
         }
         Ok(())

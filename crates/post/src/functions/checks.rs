@@ -23,12 +23,16 @@ impl Posting<'_, '_> {
             }
         }
         let verified = values.iter().all(|(_, source)| source.verified);
-        let workplans = self.workplans();
-        self.tracing
-            .checks
-            .insert(key(&recording.id.0), Check::Poll { values, workplans });
+        self.tracing.counted += 1;
+        let check = Check::Poll {
+            values,
+            workplans: self.workplans(),
+            number: self.tracing.counted,
+        };
+        let span = format!("recording {}", key(&recording.id.0));
+        self.tracing.checks.insert(span.clone(), check);
         self.found.logs = true;
-        self.check_now(&key(&recording.id.0))?;
+        self.check_now(&span)?;
         Ok(Verdict::between_blocks(
             verified,
             format!(
@@ -69,7 +73,7 @@ impl Posting<'_, '_> {
                 &mut self.sheet,
             )?;
         }
-        let id = key(&action.id.0);
+        let id = format!("action {}", key(&action.id.0));
         self.tracing.checks.insert(
             id.clone(),
             Check::Action {
@@ -129,15 +133,21 @@ impl Posting<'_, '_> {
     /// Looks at everything that is looked at between blocks.
     pub(crate) fn check_between_blocks(&mut self) -> Result<(), Refusal> {
         self.moves = 0;
-        let ids: Vec<String> = self.tracing.checks.keys().cloned().collect();
-        ids.iter().try_for_each(|id| self.check_now(id))
+        let mut checks: Vec<(u32, String)> = self
+            .tracing
+            .checks
+            .iter()
+            .map(|(id, check)| (check.number(), id.clone()))
+            .collect();
+        checks.sort();
+        checks.iter().try_for_each(|(_, id)| self.check_now(id))
     }
 
     pub(super) fn check_now(&mut self, id: &str) -> Result<(), Refusal> {
         match self.tracing.checks.get(id).cloned() {
             None => Ok(()),
             Some(Check::Poll { values, .. }) => {
-                let mut items = vec![Item::Text(format!("RECORDING {id}"))];
+                let mut items = vec![Item::Text(id.to_owned())];
                 items.extend(
                     values
                         .into_iter()
@@ -217,9 +227,10 @@ impl Posting<'_, '_> {
     }
 
     /// It ends, and is looked at once more before: the last time may be many moves ago.
-    pub(super) fn stopped(&mut self, id: &str) -> Result<Verdict, Refusal> {
-        self.check_now(&key(id))?;
-        Ok(match self.tracing.checks.remove(&key(id)) {
+    pub(super) fn stopped(&mut self, stop: &Call) -> Result<Verdict, Refusal> {
+        let span = ways::span(stop).map(|(span, _)| span).unwrap_or_default();
+        self.check_now(&span)?;
+        Ok(match self.tracing.checks.remove(&span) {
             Some(_) => Verdict::between_blocks(true, "it is looked at no more"),
             None => Verdict::external("as its start"),
         })
