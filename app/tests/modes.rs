@@ -254,7 +254,7 @@ fn an_action_in_all_modes_lives_on_in_the_controller_until_somebody_of_level_4_e
     assert_eq!(answer["actions"][0]["number"].to_string(), number);
     let left = shop.living(&at);
     assert!(
-        left.len() + 1 == both.len() && left.iter().all(|a| a["number"].to_string() != number),
+        left.len() + 1 == both.len() && left.iter().all(|a| a["number"].to_string().as_str() != number.as_str()),
         "{left:?}"
     );
     let args = end("all", "Four");
