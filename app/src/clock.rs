@@ -60,7 +60,7 @@ pub fn sync_offset() -> Option<Seconds> {
         (libc::adjtimex(&raw mut told), told)
     };
     let unit = if told.status & libc::STA_NANO != 0 { 1e-9 } else { 1e-6 };
-    (state >= 0 && told.status & libc::STA_UNSYNC == 0).then(|| Seconds(told.offset as f64 * unit))
+    (state >= 0 && told.status & libc::STA_UNSYNC == 0).then_some(Seconds(told.offset as f64 * unit))
 }
 
 /// Elsewhere nobody is asked.
