@@ -80,7 +80,7 @@ fn first(rest: &mut Rest<'_>, parts: &mut Vec<String>) {
     parts.extend(take("fired").map(|fired| format!("fired {fired} times").replace("fired 1 times", "fired once")));
     if let Some(new) = take("new") {
         parts.push(format!("level {new}"));
-        parts.push(format!("before {}", take("old").unwrap_or_else(|| "none".to_owned())));
+        parts.extend(take("old").map(|old| format!("before {old}")));
         let _ = (take("default"), take("from_step"));
     }
 }

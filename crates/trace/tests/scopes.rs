@@ -294,7 +294,11 @@ fn a_level_that_is_set_for_its_workplan_is_over_with_it() {
     ];
     let (_, told) = run(&said, Known::default());
     let olds: Vec<Option<&Value>> = told.iter().map(|t| t.data.get("old")).collect();
-    assert_eq!(olds, [None, Some(&json!(3)), Some(&json!(3))], "the outer level returns");
+    assert_eq!(
+        olds,
+        [Some(&json!(10)), Some(&json!(3)), Some(&json!(3))],
+        "the outer level returns"
+    );
 }
 
 #[test]

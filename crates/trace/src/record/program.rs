@@ -3,6 +3,9 @@
 use super::*;
 use crate::ids::Clash;
 
+/// What every element has that nobody has given a level: any operator may edit it.
+const DEFAULT_LEVEL: u8 = 10;
+
 /// Functions of the program.
 impl Recorder {
     pub(super) fn functions(&mut self, raw: &RawNcFunction, step: StepId, tick: Tick) {
@@ -78,9 +81,9 @@ impl Recorder {
             }
             Call::SetEditAccessLevel { level, workplan_only } => {
                 let data = json!({
-                    "function": name, "old": self.level, "new": level,
+                    "function": name, "old": self.level.unwrap_or(DEFAULT_LEVEL), "new": level.unwrap_or(DEFAULT_LEVEL),
                     "scope": if *workplan_only { "workplan" } else { "rest_of_program" },
-                    "default": 10, "from_step": step.0,
+                    "default": DEFAULT_LEVEL, "from_step": step.0,
                 });
                 let outer = std::mem::replace(&mut self.level, *level);
                 self.context.level_is_of_workplan(*workplan_only, outer);
