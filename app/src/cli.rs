@@ -318,7 +318,7 @@ pub enum TraceCommand {
         job: Option<String>,
         /// Data directory or backup.
         dir: Option<PathBuf>,
-        /// The file of a machine behind tcp:// [default: machine.toml of the data directory]; its [link] names the certificates.
+        /// The file of a machine behind tcp:// [default: machine.toml of the data directory]; its link table names the certificates.
         #[arg(long, value_name = "F")]
         machine_file: Option<PathBuf>,
     },
@@ -328,7 +328,7 @@ pub enum TraceCommand {
         /// The number in `trace actions --machine`, or `all`.
         #[arg(value_name = "NUMBER|all")]
         which: String,
-        /// The file of a machine behind tcp:// [default: machine.toml of the data directory]; its [link] names the certificates.
+        /// The file of a machine behind tcp:// [default: machine.toml of the data directory]; its link table names the certificates.
         #[arg(long, value_name = "F")]
         machine_file: Option<PathBuf>,
     },
