@@ -6,15 +6,18 @@
 //!
 //! Read on: [`mod@signal`] for what can be looked at, [`mod@condition`] for the operations, [`mod@living`] for what runs and its end by hand.
 
+mod alarms;
 pub mod condition;
 pub mod living;
 pub mod signal;
 
+pub use alarms::{AlarmOrder, Reaction, ResetBy};
 pub use condition::{BadCondition, Operation, Relation};
 pub use living::Living;
 pub use signal::{Mode, NO_SENSOR, Readings, SIGNALS, Signal, Situation, WatchCost, signal};
 
 use crate::Ring;
+use alarms::Alarms;
 use condition::{Deciding, Packed, evaluate, evaluate_all, only_comparisons};
 use living::Life;
 use units::{StepId, Tick};
@@ -48,51 +51,6 @@ pub enum Frequency {
     WhenOnce,
     /// In each cycle in which it becomes true.
     EveryEdge,
-}
-
-/// What the machine does at an alarm.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Reaction {
-    /// Nothing.
-    #[default]
-    None,
-    /// A hold where the present operation ends.
-    StopAfterOperation,
-    /// A hold now.
-    FeedHold,
-    /// A controlled stop now.
-    StopNow,
-}
-
-/// What ends an alarm besides the program.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ResetBy {
-    /// Nothing.
-    Function,
-    /// Cycle start, or a reset.
-    #[default]
-    Acknowledge,
-    /// A reset.
-    Reset,
-}
-
-/// What is done to an alarm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum AlarmOrder {
-    /// It is set; one that is set stays as it is.
-    Set {
-        /// 1 to 999.
-        alarm: u16,
-        /// What the machine does.
-        reaction: Reaction,
-        /// What ends it.
-        reset_by: ResetBy,
-    },
-    /// It is cleared.
-    Clear {
-        /// 1 to 999.
-        alarm: u16,
-    },
 }
 
 /// What a program says to its watches, in order with the path. Takes no time and needs no rest.
@@ -277,58 +235,6 @@ const EMPTY: Slot = Slot {
     unknown: false,
     place: 0,
 };
-
-/// A bit for each alarm.
-#[derive(Clone, Copy, Debug, Default)]
-struct Alarms {
-    active: [u64; 16],
-    /// Cycle start ends it.
-    acknowledge: [u64; 16],
-    /// A reset ends it.
-    reset: [u64; 16],
-}
-
-impl Alarms {
-    const fn bit(alarm: u16) -> (usize, u64) {
-        ((alarm as usize >> 6) % 16, 1 << (alarm % 64))
-    }
-    fn is_active(&self, alarm: u16) -> bool {
-        let (word, bit) = Self::bit(alarm);
-        self.active[word] & bit != 0
-    }
-    /// The reaction that is due: none when the alarm was set already.
-    fn obey(&mut self, order: AlarmOrder) -> Reaction {
-        match order {
-            AlarmOrder::Clear { alarm } => {
-                let (word, bit) = Self::bit(alarm);
-                self.active[word] &= !bit;
-                Reaction::None
-            }
-            AlarmOrder::Set { alarm, .. } if self.is_active(alarm) => Reaction::None,
-            AlarmOrder::Set {
-                alarm,
-                reaction,
-                reset_by,
-            } => {
-                let (word, bit) = Self::bit(alarm);
-                self.active[word] |= bit;
-                for (set, by) in [
-                    (&mut self.acknowledge, reset_by == ResetBy::Acknowledge),
-                    (&mut self.reset, reset_by != ResetBy::Function),
-                ] {
-                    set[word] = if by { set[word] | bit } else { set[word] & !bit };
-                }
-                reaction
-            }
-        }
-    }
-    fn end(&mut self, by: fn(&Self) -> &[u64; 16]) {
-        let ended = *by(self);
-        for (active, ended) in self.active.iter_mut().zip(ended) {
-            *active &= !ended;
-        }
-    }
-}
 
 impl<const CONDITIONS: usize, const OPERATIONS: usize> Default for Watches<CONDITIONS, OPERATIONS> {
     fn default() -> Self {
