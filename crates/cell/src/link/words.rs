@@ -26,7 +26,7 @@ pub(super) fn write(line: &str, to: &mut Writer<'_>) {
     to.put(line.as_bytes());
 }
 
-/// Reads what [`write`] wrote.
+/// Reads what [`write()`] wrote.
 pub(super) fn read(from: &mut Reader<'_>) -> Result<String, WireError> {
     let length = usize::from(u16::read(from)?);
     if length > LONGEST_LINE {
