@@ -272,7 +272,8 @@ started it; somebody else may drive the machine meanwhile.
 
 const END_HELP: &str = "\
 Who may is decided by the operators of the data directory (level 4 or stronger); a refusal is exit 1, and a refusal and an end are
-events of its log. A run that is under way and has started the action records that it was ended by hand.
+events of its log. A run that is under way and has started the action records that it was ended by hand. A run works in its data directory
+alone: while it does, an end comes from another data directory and its operators, or waits (exit 4).
   toolmark trace actions --machine tcp://127.0.0.1:7450
   toolmark trace end 3 --machine tcp://127.0.0.1:7450 --operator NAME --reason TEXT
   toolmark trace end all --machine tcp://127.0.0.1:7450";

@@ -44,7 +44,8 @@ a quote in it is written twice. Numbers may have a unit: `20ms`, `0.5 mm`, `80 %
 quotes `%28 %29`. An unknown key is an error; an unknown function is kept, shown, and does nothing.\n\n\
 A function takes effect in the servo cycle in which the last set-point before it is put out; it never stops the path. `toolmark check` says\n\
 what is wrong and what this machine cannot give, `toolmark trace show` what was recorded. Values of recordings are in `functions.parquet`\n\
-of the job, everything else in its log.\n\n\
+of the job, everything else in its log. A synchronized action that fires often is told ten times in a second, and the rest counted; what it reads is\n\
+recorded each time, and what becomes of an alarm is told each time.\n\n\
 *This page is written from the code: `UPDATE_EXPECT=1 cargo test -p trace --test manual`.*\n";
 
 const ALL_MODES: &str = "\n### Where an action in all modes lives, and what ends it\n\n\
@@ -64,7 +65,8 @@ toolmark trace actions --machine tcp://127.0.0.1:7450\n\
 toolmark trace end 1 --machine tcp://127.0.0.1:7450 --operator NAME --reason TEXT\n\
 ```\n\n\
 The list has a number for each action, which no other one gets while the controller runs, and shows those in automatic of the program under\n\
-way as well. Anybody may look, also while somebody else drives the machine. `trace end` asks the operators of the data directory: a refusal\n\
+way as well. Anybody may look, also while somebody else drives the machine. `trace end` asks the operators of the data directory, which a run keeps\n\
+to itself while it works: a refusal\n\
 is exit 1 and an event (`refused`), an end is two (`action-end-asked`, `action-ended`), with who, why, and how often it had fired. A run that is under way\n\
 records that its action was ended by hand, and does not take it up again. `trace end all` ends every one in all modes.\n";
 

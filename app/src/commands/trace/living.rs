@@ -127,6 +127,11 @@ pub fn end(which: &str, file: Option<&Path>, common: &Common) -> Done {
             Some(lived) => {
                 let last = Living::of(lived, answer.now.0, asking.now()?);
                 tell("action-ended", &last)?;
+                if !common.json {
+                    // At once: who ends several knows which, also where a later one cannot be ended.
+                    say(&format!("ended by {}:", acting.words()));
+                    self::tell(&last);
+                }
                 ended.push(last);
             }
             None => shop::notice(&format!(
@@ -148,12 +153,11 @@ pub fn end(which: &str, file: Option<&Path>, common: &Common) -> Done {
         })?;
         return Ok(Exit::Good);
     }
-    if all.is_empty() {
-        say(&format!("no synchronized action lives in {machine} ({})", common.machine));
-    }
-    for action in &ended {
-        say(&format!("ended by {}:", acting.words()));
-        tell(action);
+    if ended.is_empty() {
+        say(&format!(
+            "nothing was ended: no synchronized action in all modes lives in {machine} ({})",
+            common.machine
+        ));
     }
     Ok(Exit::Good)
 }
@@ -322,9 +326,21 @@ impl Living {
             living.frequency = Some(action.frequency.word());
             living.condition = action.condition.as_ref().map(trace::condition::print);
             living.actions = action.actions.iter().map(trace::Function::without_prefix).collect();
+        } else {
+            living.id = id_of_cut(&lived.line);
         }
         living
     }
+}
+
+/// The id in a line that was cut behind it: it stands in front, and says whether another program may have it.
+fn id_of_cut(line: &str) -> Option<String> {
+    let (_, behind) = line.split_once(" its_id=")?;
+    let (id, rest) = match behind.strip_prefix('"') {
+        Some(quoted) => quoted.split_once('"')?,
+        None => behind.split_once(' ')?,
+    };
+    (!rest.trim().is_empty() && rest.trim() != "...").then(|| id.to_owned())
 }
 
 fn tell(action: &Living) {
@@ -379,14 +395,19 @@ mod tests {
         assert_eq!(living.condition.as_deref(), Some("X.LOAD > 80 %"));
         assert_eq!(living.actions.len(), 1);
         // Also where it is cut between two keys.
-        for line in [
-            "trace:1 start_synchronized_action its_id=ov ...",
-            &format!("{LINE} ..."),
-            "",
-            "G1 X0",
+        for (line, id) in [
+            ("trace:1 start_synchronized_action its_id=ov ...", None),
+            ("trace:1 start_synchronized_action its_id=\"over lo ...", None),
+            (
+                "trace:1 start_synchronized_action its_id=\"over load\" its_ ...",
+                Some("over load"),
+            ),
+            (&format!("{LINE} ..."), Some("over")),
+            ("", None),
+            ("G1 X0", None),
         ] {
             let cut = Living::of(&lived(8, true, line), 0, now);
-            assert_eq!((cut.id, cut.condition, cut.for_s), (None, None, 0.0), "{line}");
+            assert_eq!((cut.id.as_deref(), cut.condition, cut.for_s), (id, None, 0.0), "{line}");
         }
     }
 

@@ -5,7 +5,7 @@ use super::wire::{Came, Wired};
 use super::words;
 use machine::link::asking::{AnswerEntry, AnswerHead, Asked, Inquiry};
 use machine::link::{Kind, Name, Reader, Wire};
-use machine::watch::Living;
+use machine::watch::{CONDITIONS, Living};
 use units::Tick;
 
 /// Something that lives in a machine.
@@ -90,6 +90,9 @@ impl LinkAsker {
             });
         }
         reader.end().map_err(wrong)?;
+        if self.answer.lived.len() > CONDITIONS {
+            return Err(LinkError::Rules("more lives in it than a machine takes"));
+        }
         self.answer.machine = head.machine.text().to_owned();
         self.answer.now = head.now;
         Ok(head.last)

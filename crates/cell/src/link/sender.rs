@@ -22,7 +22,7 @@ use machine::link::message::{
 use machine::link::{Entry, Kind, LimitsHash, Loaded, Name, PlanId, Reader, Status, Urgent, Wire};
 use machine::watch::{Firing, FiringKind};
 use machine::{Command, MachineParameters, Report, Request, State, StopCause};
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use units::Tick;
 
 /// Smaller blocks wait for more: each has a tail.
@@ -100,8 +100,8 @@ pub struct LinkSender {
     next_firing: u64,
     /// Conditions that have fired, as far as was heard.
     fired: BTreeSet<u16>,
-    /// Conditions that somebody has ended by hand: they are not taken up again.
-    ended: BTreeSet<u16>,
+    /// Conditions that somebody has ended by hand, with how many commands were done then: they are not taken up again.
+    ended: BTreeMap<u16, u64>,
     /// What sessions before the present one had lost.
     lost_before: (u64, u64),
     /// Sessions that a controller began which knew nothing of the one before.
@@ -143,7 +143,7 @@ impl LinkSender {
             firings: VecDeque::new(),
             next_firing: 0,
             fired: BTreeSet::new(),
-            ended: BTreeSet::new(),
+            ended: BTreeMap::new(),
             lost_before: (0, 0),
             begun_anew: 0,
             loads: Loads::default(),

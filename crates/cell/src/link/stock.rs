@@ -5,7 +5,7 @@
 
 use machine::watch::WatchOrder;
 use machine::{Command, CoolantOutlets, SetPoint, SpindleCommand};
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use units::{StepId, ToolNumber, WorkingstepId};
 
 /// Commands beyond what is done that are kept at most: what may be under way, its tail, and enough to begin anew.
@@ -22,8 +22,8 @@ pub struct InForce {
     pub coolant: CoolantOutlets,
     /// The workingstep.
     pub workingstep: WorkingstepId,
-    /// Conditions that were started, in that order.
-    pub watches: Vec<u16>,
+    /// Conditions that were started, in that order, each with the number of the command that did it.
+    pub watches: Vec<(u16, u64)>,
     /// An operation has begun.
     pub in_operation: bool,
     /// The step of it all.
@@ -31,7 +31,7 @@ pub struct InForce {
 }
 
 impl InForce {
-    fn follow(&mut self, command: &Command) {
+    fn follow(&mut self, number: u64, command: &Command) {
         match *command {
             Command::SetPoint(s) => self.step = s.step,
             Command::Spindle { spindle, step } => (self.spindle, self.step) = (spindle, step),
@@ -45,7 +45,7 @@ impl InForce {
             Command::Coolant { outlets, step } => (self.coolant, self.step) = (outlets, step),
             Command::Tool { tool, step } => (self.tool, self.step) = (tool, step),
             Command::Workingstep { workingstep, step } => (self.workingstep, self.step) = (workingstep, step),
-            Command::Watch { order, .. } => self.follow_watch(order),
+            Command::Watch { order, .. } => self.follow_watch(number, order),
             Command::Dwell { step, .. } | Command::Pause { step } | Command::ToolLength { step, .. } => self.step = step,
             Command::End { step } => {
                 (self.spindle, self.coolant, self.step) = (SpindleCommand::Stop, CoolantOutlets::default(), step);
@@ -55,14 +55,14 @@ impl InForce {
         }
     }
 
-    fn follow_watch(&mut self, order: WatchOrder) {
+    fn follow_watch(&mut self, number: u64, order: WatchOrder) {
         match order {
-            WatchOrder::Start(number) | WatchOrder::TakeUp { watch: number, .. } => {
-                if !self.watches.contains(&number) {
-                    self.watches.push(number);
+            WatchOrder::Start(watch) | WatchOrder::TakeUp { watch, .. } => {
+                if self.watches.iter().all(|(started, _)| *started != watch) {
+                    self.watches.push((watch, number));
                 }
             }
-            WatchOrder::Stop(number) => self.watches.retain(|started| *started != number),
+            WatchOrder::Stop(watch) => self.watches.retain(|(started, _)| *started != watch),
             WatchOrder::OperationBegins | WatchOrder::OperationUnderWay => self.in_operation = true,
             WatchOrder::OperationEnds => self.in_operation = false,
             // One that is set stays with the machine; a reset by a person has ended it.
@@ -70,17 +70,18 @@ impl InForce {
         }
     }
 
-    /// What takes the conditions up again on a machine on which they are over; those in `fired` had fired, those in `ended` were ended by hand
-    /// and stay so. On one that only stopped they run on where they are, and this changes nothing.
+    /// What takes the conditions up again on a machine on which they are over; those in `fired` had fired. Those in `ended` were ended by hand
+    /// when so many commands were done and stay so, if the program has not started them again since. On one that only stopped they run on where they are, and this changes nothing.
     pub fn watch_commands<'f>(
         &'f self,
         fired: &'f BTreeSet<u16>,
-        ended: &'f BTreeSet<u16>,
+        ended: &'f BTreeMap<u16, u64>,
     ) -> impl Iterator<Item = Command> + 'f {
         let step = self.step;
         let begins = self.in_operation.then_some(WatchOrder::OperationUnderWay);
-        let starts = self.watches.iter().filter(|watch| !ended.contains(watch));
-        let starts = starts.map(|&watch| WatchOrder::TakeUp {
+        let is_over = |&(watch, started): &(u16, u64)| ended.get(&watch).is_some_and(|done| *done >= started);
+        let starts = self.watches.iter().filter(move |started| !is_over(started));
+        let starts = starts.map(|&(watch, _)| WatchOrder::TakeUp {
             watch,
             fired: fired.contains(&watch),
         });
@@ -207,7 +208,9 @@ impl Stock {
     pub fn in_force(&self, done: u64) -> InForce {
         let mut in_force = self.in_force.clone();
         let count = usize::try_from((done + 1).saturating_sub(self.first)).unwrap_or(usize::MAX);
-        self.commands.iter().take(count).for_each(|command| in_force.follow(command));
+        for (number, command) in (self.first..).zip(self.commands.iter().take(count)) {
+            in_force.follow(number, command);
+        }
         in_force
     }
 
@@ -230,7 +233,7 @@ impl Stock {
         let Some(&number) = self.set_points.front() else { return };
         while self.first < number {
             if let Some(command) = self.commands.pop_front() {
-                self.in_force.follow(&command);
+                self.in_force.follow(self.first, &command);
             }
             self.first += 1;
         }
@@ -249,5 +252,41 @@ pub fn needs_rest(command: &Command) -> bool {
         Command::Spindle { .. } | Command::Tool { .. } | Command::Dwell { .. } | Command::Pause { .. } | Command::End { .. } => {
             true
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_ended_by_hand_is_taken_up_again_only_where_the_program_has_started_it_since() {
+        let say = |order| Command::Watch { order, step: StepId(1) };
+        let mut stock = Stock::new();
+        for order in [
+            WatchOrder::Start(3),
+            WatchOrder::Start(4),
+            WatchOrder::Stop(3),
+            WatchOrder::Start(3),
+        ] {
+            stock.push(say(order)).expect("room");
+        }
+        let taken_up = |done: u64, ended: &[(u16, u64)]| -> Vec<u16> {
+            let ended = ended.iter().copied().collect();
+            let in_force = stock.in_force(done);
+            let commands: Vec<Command> = in_force.watch_commands(&BTreeSet::new(), &ended).collect();
+            let watch = |command| match command {
+                Command::Watch {
+                    order: WatchOrder::TakeUp { watch, .. },
+                    ..
+                } => Some(watch),
+                _ => None,
+            };
+            commands.into_iter().filter_map(watch).collect()
+        };
+        assert_eq!(taken_up(2, &[]), [3, 4]);
+        assert_eq!(taken_up(2, &[(3, 2)]), [4], "ended where it runs");
+        assert_eq!(taken_up(4, &[(3, 2)]), [4, 3], "the program has started it again");
+        assert_eq!(taken_up(4, &[(3, 4)]), [4], "and that was ended too");
     }
 }

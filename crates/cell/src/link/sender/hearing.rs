@@ -82,7 +82,8 @@ impl LinkSender {
                         self.ended.remove(&firing.watch);
                     }
                     FiringKind::Ended => {
-                        self.ended.insert(firing.watch);
+                        let done = head.status.done.unwrap_or(self.stock.count_done());
+                        self.ended.insert(firing.watch, done);
                     }
                     FiringKind::Unknown => {}
                 }
