@@ -24,7 +24,8 @@ mod typed;
 pub mod unit;
 mod value;
 
-pub use function::{Argument, Function, PREFIX, is_line, meant, parse};
+pub use function::{Argument, Function, PREFIX, meant, parse};
 pub use functions::{Call, Definition, FUNCTIONS};
 pub use lines::functions as functions_of;
+pub use plan::line::is_line;
 pub use value::{Kind, Sampling, Value};
