@@ -28,6 +28,17 @@ pub fn functions(raw: &RawNcFunction) -> Vec<Result<Function, Box<Diagnostic>>> 
     }
 }
 
+/// The lines of the vocabulary in it as they are written.
+pub(crate) fn lines_of(raw: &RawNcFunction) -> Vec<&str> {
+    if raw.kind == ALONG {
+        plan::line::along(&raw.properties)
+    } else if is_line(&raw.text) {
+        vec![&raw.text]
+    } else {
+        vec![]
+    }
+}
+
 fn with_condition(raw: &RawNcFunction) -> Result<Function, Box<Diagnostic>> {
     let mut function = parse(&raw.text)?;
     if let Some(typed) = &raw.condition {
