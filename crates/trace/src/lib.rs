@@ -17,6 +17,7 @@ mod function;
 pub mod functions;
 mod ids;
 mod lines;
+mod moment;
 pub mod record;
 pub mod sensor;
 pub mod survey;

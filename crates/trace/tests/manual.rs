@@ -163,7 +163,7 @@ unavailable there, because the same seed has to give the same bytes.\n",
 fn type_of(key: &Key) -> String {
     match key.kind {
         Kind::Text if key.name.ends_with("_id") || key.name == "its_id" => "trace_id".to_owned(),
-        Kind::Text => "text".to_owned(),
+        Kind::Text | Kind::Moment => "text".to_owned(),
         Kind::Integer(..) if key.name == "its_level" => "edit_level".to_owned(),
         Kind::Integer(..) => "INTEGER".to_owned(),
         Kind::Number(_) => "REAL".to_owned(),
