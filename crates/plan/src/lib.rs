@@ -14,6 +14,7 @@ pub mod executed;
 pub mod expression;
 pub mod flow;
 pub mod inspection;
+pub mod line;
 pub mod modal;
 pub mod path;
 pub mod step;

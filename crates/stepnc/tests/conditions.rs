@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{holds, program_of, says, steps};
+use common::{holds, one_path, program_of, says, steps};
 use plan::expression::Operator;
 use plan::{Answer, Expression, Next, ProgramStream, RawNcFunction, StepKind, Tables};
 use std::sync::Arc;
@@ -176,5 +176,140 @@ fn an_assignment_to_what_is_the_machine_s_is_refused_before_the_first_step_with_
     ] {
         let text = told(assigned(variable, &more));
         assert!(text.contains("end\n") && !text.contains("error"), "{text}");
+    }
+}
+
+/// What the program does behind a function: `if VARIABLE > 2`, whose initial value is 1.5, as #150; its condition has to be asked for.
+fn decides_on(variable: &str) -> String {
+    let message = |id: u64, text: &str| {
+        let said = says(id + 1, id, "message text", text);
+        format!("#{id}=MACHINING_NC_FUNCTION('m','display message','','');\n{said}")
+    };
+    format!(
+        "#106=MACHINING_PROCESS_SEQUENCE_RELATIONSHIP('','',#100,#150,2.);\n#150=MACHINING_PROCESS_EXECUTABLE('if','if statement','','');\n\
+         #158=MACHINING_PROCESS_BRANCH_RELATIONSHIP('true branch','',#150,#160);\n\
+         #159=MACHINING_PROCESS_BRANCH_RELATIONSHIP('false branch','',#150,#170);\n{}{}{}\
+         #400=EXPRESSION_ITEM_REPRESENTATION_ITEM('',#401);\n#401=COMPARISON_GREATER((#402,#403));\n#402=REAL_NUMERIC_VARIABLE();\n\
+         #403=REAL_LITERAL(2.);\n#404=EXPRESSION_ITEM_REPRESENTATION_ITEM('{variable}',#402);\n\
+         #405=REPRESENTATION_ITEM_RELATIONSHIP('initial value','',#404,#406);\n#406=EXPRESSION_ITEM_REPRESENTATION_ITEM('',#407);\n\
+         #407=REAL_LITERAL(1.5);\n",
+        holds(151, 150, "condition", 400, 8),
+        message(160, "above"),
+        message(170, "below"),
+    )
+}
+
+/// An extended function in front of it.
+fn behind_a_function(line: &str, variable: &str) -> Program {
+    program_of(&format!(
+        "#100=MACHINING_WORKPLAN('main','','','');\n#101=MACHINING_PROCESS_SEQUENCE_RELATIONSHIP('','',#100,#110,1.);\n\
+         #110=MACHINING_NC_FUNCTION('f','extended function','','');\n{}{}",
+        says(111, 110, "description", line),
+        decides_on(variable),
+    ))
+}
+
+/// A path in front of it, with conditions along it: each its name and its mode.
+fn behind_a_path(conditions: &[(&str, &str)], variable: &str) -> Program {
+    let item = |(at, (name, mode)): (usize, &(&str, &str))| {
+        let id = 500 + at;
+        (
+            format!("#{id}"),
+            format!("#{id}=DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{mode}');\n"),
+        )
+    };
+    let (ids, items): (Vec<_>, Vec<_>) = conditions.iter().enumerate().map(item).unzip();
+    one_path(
+        &format!(
+            "#200=POLYLINE('',(#201,#202));\n#201=CARTESIAN_POINT('',(0.,0.,5.));\n#202=CARTESIAN_POINT('',(10.,0.,5.));\n\
+             #140=MACHINING_FUNCTIONS('','milling','','');\n#141=MACHINING_FUNCTIONS_RELATIONSHIP('','',#110,#140);\n\
+             #142=ACTION_PROPERTY('other functions','',#140);\n#143=ACTION_PROPERTY_REPRESENTATION('','',#142,#144);\n\
+             #144=REPRESENTATION('',({}),#8);\n{}{}",
+            ids.join(","),
+            items.concat(),
+            decides_on(variable),
+        ),
+        7,
+    )
+}
+
+/// The machine is asked for the condition; it has no value, and that is an alarm.
+#[track_caller]
+fn asks_the_machine(program: Program) {
+    let shown = steps(program, StreamOptions::default(), 100, |_| Answer::Unknown);
+    assert!(shown.contains("ask Condition"), "{shown}");
+    assert!(
+        shown.contains("#150: the machine cannot say whether the condition is true"),
+        "{shown}"
+    );
+    assert!(!shown.contains("Message"), "{shown}");
+}
+
+#[test]
+fn a_condition_on_what_a_function_writes_is_the_machines_whatever_the_variable_is_called() {
+    for (line, variable) in [
+        ("trace:1 get_tool_tip_temperature its_variable=HEAT", "HEAT"),
+        ("trace:1 get_tool_tip_temperature its_variable=\"TIME LIMIT\"", "TIME LIMIT"),
+        ("  trace:1 get_time variable = \"A, B\"", "A, B"),
+        ("\\X2\\3000\\X0\\trace:1 get_time its_variable=HEAT", "HEAT"),
+        (
+            "trace:1 start_synchronized_action its_id=1 its_mode_scope=ALL its_actions=\"get_time its_variable=\"\"TIME LIMIT\"\"\"",
+            "TIME LIMIT",
+        ),
+    ] {
+        asks_the_machine(behind_a_function(line, variable));
+    }
+    // Another name is another variable.
+    for line in [
+        "trace:1 get_time its_variable=\"TIME LIMIT\"",
+        "trace:1 get_time its_label=\"its_variable=TIME\"",
+    ] {
+        let shown = steps(behind_a_function(line, "TIME"), StreamOptions::default(), 100, |_| {
+            Answer::Unknown
+        });
+        assert!(shown.contains("Message(\"below\")") && !shown.contains("ask"), "{shown}");
+    }
+}
+
+#[test]
+fn a_condition_on_what_a_line_along_a_path_writes_is_the_machines() {
+    let line = "trace:1 get_feedrate its_variable=SPEED";
+    let other = "trace:1 log_event its_kind=a";
+    for conditions in [
+        vec![(line, "on")],
+        vec![("note", line)],
+        vec![("note", other), ("note", line)],
+        vec![("note", "\\X2\\3000\\X0\\trace:1 get_feedrate its_variable=SPEED")],
+    ] {
+        asks_the_machine(behind_a_path(&conditions, "SPEED"));
+    }
+    let shown = steps(
+        behind_a_path(&[("note", other)], "SPEED"),
+        StreamOptions::default(),
+        100,
+        |_| Answer::Unknown,
+    );
+    assert!(shown.contains("Message(\"below\")") && !shown.contains("ask"), "{shown}");
+}
+
+#[test]
+fn a_line_with_blanks_before_it_has_the_values_of_its_variables_too() {
+    for blank in ["", " ", "\\X2\\3000\\X0\\"] {
+        let line = format!("{blank}trace:1 log_event its_kind=a its_values=LIMIT");
+        let mut stream = StepNcStream::new(Arc::new(behind_a_function(&line, "LIMIT")), StreamOptions::default());
+        let function = loop {
+            match stream.next(None) {
+                Next::Step(step) => match step.kind {
+                    StepKind::NcFunction(function) => break function,
+                    _ => continue,
+                },
+                other => panic!("{other:?}"),
+            }
+        };
+        assert_eq!(
+            function.properties.get("variable LIMIT").map(String::as_str),
+            Some("1.5"),
+            "{line}"
+        );
     }
 }

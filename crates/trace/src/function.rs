@@ -6,6 +6,7 @@
 use crate::fault::{Fault, fault, nearest};
 use crate::functions::{Arguments, Call, Definition, FUNCTIONS, Key, find};
 use crate::value::{self, Item, Value};
+use plan::line::is_line;
 use plan::{Diagnostic, Expression};
 use std::fmt;
 
@@ -51,12 +52,6 @@ pub struct Argument {
 /// What is wrong, with the column in the line. An unknown function is no error.
 pub fn parse(text: &str) -> Result<Function, Box<Diagnostic>> {
     read_line(text).map_err(|found| Box::new(found.diagnostic()))
-}
-
-/// True when a text is meant as one of our lines, of whatever version.
-pub fn is_line(text: &str) -> bool {
-    let text = text.trim_start();
-    text.get(..6).is_some_and(|start| start.eq_ignore_ascii_case("trace:")) && !text[6..].starts_with('+')
 }
 
 impl Function {

@@ -17,6 +17,7 @@ mod function;
 pub mod functions;
 mod ids;
 mod lines;
+mod moment;
 pub mod record;
 pub mod sensor;
 pub mod survey;
@@ -24,7 +25,8 @@ mod typed;
 pub mod unit;
 mod value;
 
-pub use function::{Argument, Function, PREFIX, is_line, meant, parse};
+pub use function::{Argument, Function, PREFIX, meant, parse};
 pub use functions::{Call, Definition, FUNCTIONS};
 pub use lines::functions as functions_of;
+pub use plan::line::is_line;
 pub use value::{Kind, Sampling, Value};

@@ -28,6 +28,17 @@ pub fn functions(raw: &RawNcFunction) -> Vec<Result<Function, Box<Diagnostic>>> 
     }
 }
 
+/// The lines of the vocabulary in it as they are written.
+pub(crate) fn lines_of(raw: &RawNcFunction) -> Vec<&str> {
+    if raw.kind == ALONG {
+        plan::line::along(&raw.properties)
+    } else if is_line(&raw.text) {
+        vec![&raw.text]
+    } else {
+        vec![]
+    }
+}
+
 fn with_condition(raw: &RawNcFunction) -> Result<Function, Box<Diagnostic>> {
     let mut function = parse(&raw.text)?;
     if let Some(typed) = &raw.condition {
@@ -70,24 +81,9 @@ fn writable(function: Function) -> Result<Function, Box<Diagnostic>> {
     }
 }
 
-/// What stands along a path.
-///
-/// A line is the name of a condition, or its mode; several of one name come joined by commas. The short form of [`ALONG_RECORD`] becomes the
-/// recording that it means.
+/// What stands along a path: its lines, and the recording that the short form of [`ALONG_RECORD`] means.
 fn along(raw: &RawNcFunction) -> Vec<String> {
-    let mut found = Vec::new();
-    for (name, mode) in &raw.properties {
-        if is_line(name) {
-            found.push(name.clone());
-        } else if is_line(mode) {
-            let mut rest = mode.as_str();
-            while let Some(at) = rest[1..].find(",trace:") {
-                found.push(rest[..=at].to_owned());
-                rest = &rest[at + 2..];
-            }
-            found.push(rest.to_owned());
-        }
-    }
+    let mut found: Vec<String> = plan::line::along(&raw.properties).into_iter().map(str::to_owned).collect();
     if let Some(sensors) = raw.properties.get(ALONG_RECORD) {
         let sensors: Vec<String> = sensors.split(',').map(along_sensor).collect();
         let sampling = raw.properties.get(ALONG_SAMPLING).map_or_else(String::new, |said| {
@@ -187,6 +183,23 @@ mod tests {
             read("ws_time > -3", Some(over(Expression::Name("LIMIT".into()))), values),
             Err("T-06 the line of start_synchronized_action says the condition \"ws_time > -3\", and the file's typed condition says \"trace:ws_time > LIMIT\"".into())
         );
+    }
+
+    #[test]
+    fn a_line_along_a_path_may_have_blanks_of_any_script_before_it() {
+        for blank in ["", " ", "\u{a0}", "\u{3000}"] {
+            let line = format!("{blank}trace:1 get_time");
+            let raw = RawNcFunction {
+                kind: ALONG.to_owned(),
+                name: String::new(),
+                text: String::new(),
+                condition: None,
+                properties: BTreeMap::from([("note".to_owned(), format!("{line},{line}"))]),
+            };
+            let read = functions(&raw).into_iter().map(|function| function.map(|f| f.to_string()));
+            let expected = [Ok("trace:1 get_time".to_owned()), Ok("trace:1 get_time".to_owned())];
+            assert_eq!(read.collect::<Vec<_>>(), expected, "{blank:?}");
+        }
     }
 
     #[test]

@@ -107,7 +107,8 @@ pub struct Recorder {
     tool_logging: BTreeMap<TraceId, u64>,
     event_logging: BTreeMap<TraceId, (Vec<String>, u64)>,
     operator_logging: BTreeMap<TraceId, u64>,
-    variables: BTreeMap<String, f64>,
+    /// What is in variables of the program, as far as functions told or wrote it; `None` where one was to write and had no value.
+    variables: BTreeMap<String, Option<f64>>,
     level: Option<u8>,
     /// Watches that were loaded and run, or ran.
     next_run: u32,
@@ -371,8 +372,13 @@ impl Recorder {
                     slot += 1;
                 }
             }
-            if !quiet || alarm_of(&function).is_some() {
+            let told = !quiet || alarm_of(&function).is_some();
+            // A variable is written each time, whatever the log takes: the program goes on with it.
+            if told || function.variable.is_some() {
                 let mut result = self.perform(&function, tick);
+                if !told {
+                    continue;
+                }
                 match result.get("state").and_then(Value::as_str) {
                     // Told once in a second at most.
                     Some("repeated") if result.get("repeated").is_none_or(Value::is_null) => continue,
@@ -500,8 +506,8 @@ impl Recorder {
 
     /// The present value of a name in a condition of the program: a variable that a function wrote, a sensor, a predefined value.
     pub fn lookup(&self, name: &str) -> Option<PlanValue> {
-        if let Some(value) = self.variables.get(name) {
-            return Some(PlanValue::Number(*value));
+        if let Some(value) = self.variables.get(&variable_called(name)) {
+            return value.map(PlanValue::Number);
         }
         match meaning(name) {
             Meaning::Predefined(crate::sensor::Predefined::Alarm(id)) => Some(PlanValue::Truth(self.alarms.contains_key(&id))),
@@ -538,6 +544,12 @@ pub enum Order {
     Say(WatchOrder),
     /// Load this condition first, under the line that starts it, then ask again.
     Load(String, Compiled),
+}
+
+/// The name that a variable is kept under. G-code's have numbers, which may be written with zeros before them: `#0100` is `#100`.
+fn variable_called(written: &str) -> String {
+    let number = written.strip_prefix('#').and_then(|digits| digits.parse::<u32>().ok());
+    number.map_or_else(|| written.to_owned(), |number| format!("#{number}"))
 }
 
 fn alarm_of(function: &Function) -> Option<AlarmOrder> {

@@ -258,9 +258,9 @@ pub fn streams(name: &str, axes: &[String]) -> Result<Vec<Sensor>, NoStream> {
     if let Some(measure) = alias {
         return match (measure.component, axes) {
             (Component::Axis, []) => Ok(AXES.iter().map(|axis| of(axis, measure.quantity)).collect()),
-            (Component::Axis, axes) => Ok(axes.iter().map(|axis| of(axis, measure.quantity)).collect()),
+            (Component::Axis, axes) => Ok(once(axes.iter().map(|axis| of(axis, measure.quantity)))),
             (Component::Spindle, []) => Ok(vec![of("S1", measure.quantity)]),
-            (Component::Spindle, spindles) => Ok(spindles.iter().map(|s| of(s, measure.quantity)).collect()),
+            (Component::Spindle, spindles) => Ok(once(spindles.iter().map(|s| of(s, measure.quantity)))),
             (Component::One(component), []) => Ok(vec![of(component, measure.quantity)]),
             (Component::One(_), _) => refuse(format!("{name} is measured once, not at each axis"), "leave its_axes out"),
         };
@@ -272,7 +272,7 @@ pub fn streams(name: &str, axes: &[String]) -> Result<Vec<Sensor>, NoStream> {
             format!("{name} does not say of what it is the {first}"),
             "write the component before it, as in X.LOAD, or give its_axes",
         ),
-        (true, _, axes) => Ok(axes.iter().map(|axis| of(axis, base)).collect()),
+        (true, _, axes) => Ok(once(axes.iter().map(|axis| of(axis, base)))),
         (false, Some(_), axes) if !axes.is_empty() => refuse(
             format!("{name} names its component already"),
             "leave its_axes out, or the component",
@@ -285,6 +285,17 @@ pub fn streams(name: &str, axes: &[String]) -> Result<Vec<Sensor>, NoStream> {
             "write component.TYPE as in X.LOAD or S1.ROTARY_VELOCITY.ACTUAL, or an alias as drive_load",
         ),
     }
+}
+
+/// Each stream once, in the order named: functions take sets of them (`its_axes=X,x` is X).
+pub(crate) fn once(named: impl IntoIterator<Item = Sensor>) -> Vec<Sensor> {
+    let mut all: Vec<Sensor> = Vec::new();
+    for sensor in named {
+        if !all.contains(&sensor) {
+            all.push(sensor);
+        }
+    }
+    all
 }
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];

@@ -8,7 +8,7 @@ use crate::function::CONDITION;
 use crate::functions::{Call, TraceId};
 use crate::ids::{Clash, Ids, Kind, started};
 pub use crate::lines::{ALONG, ALONG_RECORD, ALONG_SAMPLING};
-use crate::sensor::{Meaning, Sensor, meaning, streams};
+use crate::sensor::{Meaning, Sensor, meaning, once, streams};
 use crate::{Function, Sampling, functions_of};
 use plan::{Diagnostic, Diagnostics, Level, Place, RawNcFunction, Severity, Step, StepKind};
 use std::collections::{BTreeMap, BTreeSet};
@@ -351,7 +351,7 @@ pub fn is_of_the_machine(variable: &str) -> bool {
     small.starts_with("sensor:") || small.starts_with("trace:")
 }
 
-/// The streams that a function asks for.
+/// The streams that a function asks for: a set, so one that is named twice, by an alias too, is taken once.
 ///
 /// # Errors
 /// What is wrong with a name, and what to write.
@@ -367,5 +367,5 @@ pub fn wanted(function: &Function) -> Result<Vec<Sensor>, (String, String)> {
         Call::Get(measurement) | Call::GetPoints(measurement) => measurement.streams(),
         _ => Ok(vec![]),
     };
-    found.map_err(|refused| (refused.message, refused.remedy))
+    found.map(once).map_err(|refused| (refused.message, refused.remedy))
 }

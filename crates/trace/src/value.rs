@@ -2,6 +2,7 @@
 
 use crate::fault::{Fault, fault, nearest};
 use crate::function::Function;
+use crate::moment::is_moment;
 use crate::unit::{self, Dimension};
 use crate::{condition, function};
 use plan::Expression;
@@ -13,6 +14,8 @@ use units::{Millimetres, Seconds};
 pub enum Kind {
     /// A name or a text; in double quotes where it has blanks or commas.
     Text,
+    /// A day or a time, RFC 3339.
+    Moment,
     /// A whole number in these bounds.
     Integer(i64, i64),
     /// A number; its unit may be written and is the one of records else.
@@ -37,6 +40,7 @@ impl fmt::Display for Kind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Kind::Text => f.write_str("text"),
+            Kind::Moment => f.write_str("day or time, as 2026-11-20 or 2026-11-20T06:00:00Z"),
             Kind::Integer(1, 2_147_483_647) => f.write_str("whole number from 1"),
             Kind::Integer(from, to) => write!(f, "whole number {from} to {to}"),
             Kind::Number(Dimension::None) => f.write_str("number from 0"),
@@ -158,6 +162,10 @@ pub(crate) fn read(key: &str, kind: Kind, items: &[Item]) -> Result<Value, Box<F
         Kind::Text => match single()? {
             item if item.text.trim().is_empty() => return bad(item, "a text that is not blank"),
             item => Value::Text(item.text.clone()),
+        },
+        Kind::Moment => match single()? {
+            item if is_moment(&item.text) => Value::Text(item.text.clone()),
+            item => return bad(item, &format!("a {kind}")),
         },
         Kind::Reference => {
             let item = single()?;

@@ -150,7 +150,7 @@ unavailable there, because the same seed has to give the same bytes.\n",
 | T-02 | id started while active, as whatever kind of function | error | start ignored, event |\n\
 | T-03 | clear of an alarm that is not active | | event |\n\
 | T-04 | start without stop in its scope | remark | ended by its scope, reason recorded |\n\
-| T-05 | sensor that this machine has not | warning; error with `required=ON` | quality unavailable, one event an outage |\n\
+| T-05 | sensor that this machine has not | warning; error with `required=ON` | quality unavailable, one event an outage; `its_variable` has no value, and a program that uses it stops |\n\
 | T-06 | what makes no sense: names, units and kinds in a condition, a typed condition that says something else than the line, several values for one variable, geometry that the file has not | error | event |\n\
 | T-07 | a variable of the machine is written (`sensor:`, `trace:`), by a function, an action or an assignment | error | not written |\n\
 | T-08 | a function that cannot be an action | error | |\n\
@@ -165,7 +165,7 @@ unavailable there, because the same seed has to give the same bytes.\n",
 fn type_of(key: &Key) -> String {
     match key.kind {
         Kind::Text if key.name.ends_with("_id") || key.name == "its_id" => "trace_id".to_owned(),
-        Kind::Text => "text".to_owned(),
+        Kind::Text | Kind::Moment => "text".to_owned(),
         Kind::Integer(..) if key.name == "its_level" => "edit_level".to_owned(),
         Kind::Integer(..) => "INTEGER".to_owned(),
         Kind::Number(_) => "REAL".to_owned(),

@@ -97,3 +97,17 @@ fn a_motor_is_that_of_an_axis_a_spindle_or_all_of_a_channel() {
     let streams: Vec<_> = told.iter().take(3).map(|t| t.data["values"][0]["stream"].clone()).collect();
     assert_eq!(streams, ["S1.AMPERAGE", "Y.WATTAGE", "PATH.WATTAGE"]);
 }
+
+#[test]
+fn a_stream_that_is_named_twice_is_recorded_once() {
+    let said = [
+        Say::Function("start_sensor_recording its_function_id=1 its_sensors=drive_load,LOAD,load its_axes=X,y,x,Y max_samples=2"),
+        Say::Function("read_sensor_value its_sensor=drive_load its_axes=X,X its_variable=V"),
+        Say::Function("get_motor_power its_axes=Z,z"),
+    ];
+    let (rows, told) = over(&said, &[0.0, 0.0, 0.0]);
+    assert_eq!(rows.len(), 4, "two streams, two samples each: {rows:?}");
+    assert!(look(&said).diagnostics.iter().all(|found| found.code != "T-06"));
+    let values = |at: usize| told[at].data["values"].as_array().map(Vec::len);
+    assert_eq!((values(1), values(2)), (Some(1), Some(1)), "{told:?}");
+}

@@ -129,6 +129,10 @@ fn mistakes_are_told_with_column_and_remedy() {
         "error: line 1, column 40: '800' is not what concentration takes; write a number from 0 to 100, %",
     );
     check(
+        "trace:1 log_coolant_data filled=20.11.2026",
+        "error: line 1, column 33: '20.11.2026' is not what filled takes; write a day or time, as 2026-11-20 or 2026-11-20T06:00:00Z",
+    );
+    check(
         "trace:1",
         "error: line 1, column 8: the function's name is missing; write trace:1, a name as get_time, then key=value",
     );
@@ -173,6 +177,7 @@ fn value(kind: Kind) -> BoxedStrategy<String> {
         .prop_map(str::to_owned)
         .boxed(),
         Kind::Reference => "#[a-z0-9]{1,8}".boxed(),
+        Kind::Moment => "20[0-9]{2}-0[1-9]-[12][0-8](T[01][0-9]:[0-5][0-9]:[0-5][0-9](Z|[+]01:00))?".boxed(),
     }
 }
 

@@ -45,10 +45,7 @@ impl Walker<'_> {
             }
             _ => {
                 let properties = self.properties_of(function);
-                // From here on only the machine knows what the function writes: a condition asks for it.
-                for variable in plan::written::written(&function.text) {
-                    self.run.variables.remove(&variable.name);
-                }
+                self.forget_written(&function.text);
                 self.say(
                     id,
                     StepKind::NcFunction(RawNcFunction {
@@ -64,15 +61,18 @@ impl Walker<'_> {
         Ok(None)
     }
 
+    /// From here on only the machine knows what the function writes: a condition asks for it.
+    pub(super) fn forget_written(&mut self, line: &str) {
+        for variable in plan::written::written(line) {
+            self.run.variables.remove(&variable.name);
+        }
+    }
+
     /// Its properties, and the present values of the variables that its line may name: a condition is made of them when it is started. A
     /// program that is told with both ways of its branches has no present.
     fn properties_of(&self, function: &Function) -> BTreeMap<String, String> {
         let mut all = function.properties.clone();
-        let ours = function
-            .text
-            .get(..6)
-            .is_some_and(|start| start.eq_ignore_ascii_case("trace:"));
-        if ours && !self.run.structured {
+        if plan::line::is_line(&function.text) && !self.run.structured {
             let typed = function.condition.as_ref().and_then(|condition| condition.as_ref().ok());
             let named = self
                 .run

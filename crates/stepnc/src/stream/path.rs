@@ -105,6 +105,9 @@ impl Walker<'_> {
             self.say(id, StepKind::PathMode(path_mode));
         }
         let properties = others(functions);
+        for line in plan::line::along(&properties) {
+            self.forget_written(line);
+        }
         let others = (!properties.is_empty()).then(|| {
             StepKind::NcFunction(RawNcFunction {
                 kind: "other functions".into(),

@@ -16,7 +16,7 @@ pub const FUNCTION: Definition = Definition {
             key("concentration", Kind::Number(Dimension::Percent), "share of concentrate"),
             key("ph", Kind::Number(Dimension::None), "pH"),
             key("batch", Kind::Text, "batch"),
-            key("filled", Kind::Text, "when it was filled, RFC 3339"),
+            key("filled", Kind::Moment, "when it was filled, RFC 3339"),
         ],
         LOG,
     ],

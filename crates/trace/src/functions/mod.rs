@@ -196,6 +196,7 @@ impl Key {
     pub(crate) fn example(&self) -> String {
         match self.kind {
             Kind::Text | Kind::List => "...".to_owned(),
+            Kind::Moment => "2026-11-20".to_owned(),
             Kind::Integer(from, _) => from.to_string(),
             Kind::Number(dimension) => format!("1{}", dimension.symbol()),
             Kind::State => "ON".to_owned(),

@@ -29,9 +29,12 @@ impl Recorder {
                         "quality": self.quality(false), "in_cut_quality": "estimated",
                     }))
                 }
-                None => object(
-                    json!({ "executable": executable, "quality": "unavailable", "why": "nothing of that name is completed" }),
-                ),
+                None => {
+                    self.write(function, None);
+                    object(
+                        json!({ "executable": executable, "quality": "unavailable", "why": "nothing of that name is completed" }),
+                    )
+                }
             },
             Call::LogToolData { tool } => {
                 let number = tool
@@ -86,7 +89,10 @@ impl Recorder {
     pub(super) fn values(&mut self, function: &Function) -> Map<String, Value> {
         let sensors = match wanted(function) {
             Ok(sensors) => sensors,
-            Err((why, _)) => return object(json!({ "error": "T-05", "why": why, "quality": "unavailable" })),
+            Err((why, _)) => {
+                self.write(function, None);
+                return object(json!({ "error": "T-05", "why": why, "quality": "unavailable" }));
+            }
         };
         let mut all = Vec::new();
         let frame = match &function.call {
@@ -120,6 +126,7 @@ impl Recorder {
                 self.write(function, value);
             }
             _ if function.variable.is_some() => {
+                self.write(function, None);
                 data.insert("error".to_owned(), Value::from("T-06"));
                 data.insert(
                     "why".to_owned(),
@@ -153,11 +160,12 @@ impl Recorder {
         }
     }
 
+    /// Puts a value into the variable of a function. Without one the variable has none: what it held before is not what was asked for.
     pub(super) fn write(&mut self, function: &Function, value: Option<f64>) {
-        if let (Some(variable), Some(value)) = (&function.variable, value)
+        if let Some(variable) = &function.variable
             && !is_of_the_machine(variable)
         {
-            self.variables.insert(variable.clone(), value);
+            self.variables.insert(variable_called(variable), value);
         }
     }
 

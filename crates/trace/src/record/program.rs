@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::ids::Clash;
+use crate::lines::lines_of;
+use plan::written::written;
 
 /// What every element has that nobody has given a level: any operator may edit it.
 const DEFAULT_LEVEL: u8 = 10;
@@ -27,13 +29,19 @@ impl Recorder {
         }
     }
 
-    /// What the program itself has put into variables that a function names. A variable that only the machine knows is not among them.
+    /// What the program itself has put into variables that a function names. What the function writes has no value until it does: the old
+    /// one would answer for a measurement that failed. An action writes later, and until then its variable holds what the program put there.
     fn know_variables(&mut self, raw: &RawNcFunction) {
         let known = raw.properties.iter().filter_map(|(property, value)| {
             let name = property.strip_prefix(RawNcFunction::VARIABLE)?;
-            Some((name.to_owned(), value.parse().ok()?))
+            Some((variable_called(name), Some(value.parse().ok()?)))
         });
         self.variables.extend(known);
+        for line in lines_of(raw) {
+            let once = written(line).into_iter().filter(|variable| !variable.again);
+            let names = once.map(|variable| variable.name).filter(|name| !is_of_the_machine(name));
+            self.variables.extend(names.map(|name| (variable_called(&name), None)));
+        }
     }
 
     pub(super) fn function(&mut self, function: &Function, along: bool, step: StepId, tick: Tick) {
