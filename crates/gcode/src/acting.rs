@@ -108,10 +108,11 @@ impl Interpreter {
             Statement::Assign {
                 target: Target::Memory(number),
                 value,
+                at,
                 ..
             } => {
                 let value = self.evaluated(line, *value, stack)?;
-                self.await_no_more(u32::from(*number));
+                self.await_no_more(u32::from(*number), *at)?;
                 self.memory.put(u32::from(*number), value, self.origin);
                 Ok(Act::Flow(Flow::NextBlock))
             }

@@ -10,6 +10,11 @@ pub(crate) trait Variables {
     fn memory(&self) -> &[f64];
     /// The value of any variable that is not plain memory, or why it has none. A NaN is vacant.
     fn read(&self, number: u32) -> Result<f64, Refusal>;
+    /// Whether plain memory holds what is in a variable that is found by its name or by the value of another one; lines that name a
+    /// variable by its number are looked at before.
+    fn known(&self, _number: u32) -> Result<(), Refusal> {
+        Ok(())
+    }
     /// The number of a variable that SETVN named.
     fn named(&self, name: &str) -> Option<u32>;
     /// A control parameter, or one bit or axis of it.
@@ -162,6 +167,7 @@ fn rarer_result(rules: &MacroRules, binary: Binary, a: f64, b: f64, at: usize) -
 
 fn read_any<V: Variables>(variables: &V, rules: &MacroRules, number: u32) -> Result<f64, Refusal> {
     if crate::macro_b::is_memory(number, rules) {
+        variables.known(number)?;
         Ok(variables.memory()[number as usize])
     } else if number == 0 && !rules.unset_is_zero {
         Ok(VACANT)

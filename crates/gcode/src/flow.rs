@@ -61,6 +61,8 @@ pub(crate) struct Repetition {
     holds_for: u64,
     /// `changes` when the main program began its present pass.
     pass: u64,
+    /// Jumps back with values between that were assumed because there is no machine to ask.
+    assumed: u32,
 }
 
 /// All that decides what comes next, but for the variables: two equal ones with no change between them are an endless loop.
@@ -69,7 +71,13 @@ struct Fingerprint {
     frames: Vec<(u64, u32)>,
     loops: usize,
     state: [f64; 12],
+    /// How often a value was assumed before. It is no part of the state: what was assumed since tells why nothing changes.
+    assumptions: u64,
 }
+
+/// Jumps back after which a loop is left in which values are assumed: counted loops are shorter, and one that waits for the machine to
+/// change something may go round for ever.
+const MOST_ASSUMED_JUMPS: u32 = 10_000;
 
 /// Files a program may be made of.
 const MOST_FILES: usize = 256;
@@ -147,11 +155,12 @@ impl GcodeProgram {
         self.next_kept
     }
 
-    /// Before a jump to `place`: lines that are gone through again are kept, and endless loops are found out.
+    /// Before a jump to `place`: lines that are gone through again are kept, and endless loops are found out. False when the program goes
+    /// on behind this line instead, because only the machine could end the loop and there is none.
     #[inline]
-    fn jumps_to(&mut self, place: Place) {
+    fn jumps_to(&mut self, place: Place) -> bool {
         if place > self.here.place {
-            return;
+            return true;
         }
         self.keep_until = self.keep_until.max(self.here.after.offset);
         self.repetition.jumps_back += 1;
@@ -159,21 +168,42 @@ impl GcodeProgram {
             let most = self.interpreter.options.most_jumps_back;
             self.endless(format!("{most} jumps back: the program does not come to an end"));
         }
+        if std::mem::take(&mut self.interpreter.assumed_since_jump) {
+            self.repetition.assumed = self.repetition.assumed.saturating_add(1);
+            if self.repetition.assumed > MOST_ASSUMED_JUMPS {
+                self.note_assumed_loop();
+                return false;
+            }
+        }
         let changes = self.interpreter.memory.changes;
         if changes != self.repetition.changes {
             self.repetition.changes = changes;
             self.repetition.held = None;
-            return;
+            return true;
         }
-        self.look_for_repetition(place);
+        self.look_for_repetition(place)
     }
 
-    /// No variable has changed since the last jump back: the state decides.
-    fn look_for_repetition(&mut self, place: Place) {
+    fn note_assumed_loop(&mut self) {
+        let site = Site {
+            text: b"",
+            number: self.here.number,
+        };
+        self.interpreter.note(Severity::Warning, "loop-assumed", site, 0, || {
+            (
+                "only the machine ends this loop: a check cannot know how often it goes round, and goes on behind it".to_owned(),
+                "look at what the program does when the loop ends".to_owned(),
+            )
+        });
+    }
+
+    /// No variable has changed since the last jump back: the state decides. False when the loop is left.
+    fn look_for_repetition(&mut self, place: Place) -> bool {
         let target = (self.current, place.offset);
         let frames = self.frames.iter().map(|f| (f.return_to.offset, f.times_left));
-        let loops = self.loops.len();
+        let loops = self.loops_around(place);
         let state = self.interpreter.fingerprint();
+        let assumptions = self.interpreter.assumptions;
         let repetition = &mut self.repetition;
         match &repetition.held {
             Some(held)
@@ -182,15 +212,21 @@ impl GcodeProgram {
                     && held.state == state
                     && held.frames.iter().copied().eq(frames.clone()) =>
             {
-                return self.endless(format!(
+                if held.assumptions != assumptions {
+                    repetition.held = None;
+                    self.note_assumed_loop();
+                    return false;
+                }
+                self.endless(format!(
                     "the program goes round for ever from line {}: nothing changes from one pass to the next",
                     place.lines + 1
                 ));
+                return true;
             }
             Some(_) => {
                 repetition.since += 1;
                 if repetition.since < repetition.holds_for {
-                    return;
+                    return true;
                 }
                 repetition.holds_for *= 2;
             }
@@ -202,7 +238,9 @@ impl GcodeProgram {
             frames: frames.collect(),
             loops,
             state,
+            assumptions,
         });
+        true
     }
 
     // ---- jumps and loops
@@ -223,9 +261,13 @@ impl GcodeProgram {
             && n == number
         {
             let place = self.kept.get(target).here.place;
-            self.leave_loops(place);
-            self.jumps_to(place);
-            self.next_kept = Some(target);
+            match self.jumps_to(place) {
+                true => {
+                    self.leave_loops(place);
+                    self.next_kept = Some(target);
+                }
+                false => self.go_on(),
+            }
             return Ok(());
         }
         let Some(place) = self.find_block(number, self.here.after) else {
@@ -237,8 +279,11 @@ impl GcodeProgram {
                 "write it at the head of the block to go to",
             ));
         };
+        if !self.jumps_to(place) {
+            self.go_to(self.here.after);
+            return Ok(());
+        }
         self.leave_loops(place);
-        self.jumps_to(place);
         let target = self.go_to(place);
         if let (Some(index), Some(target)) = (self.here.kept, target) {
             self.kept.get(index).jump.set(Some((number, target)));
@@ -260,14 +305,17 @@ impl GcodeProgram {
 
     /// Loops that do not hold `place` are over.
     fn leave_loops(&mut self, place: Place) {
+        self.loops.truncate(self.loops_around(place));
+    }
+
+    /// How many of the loops go on at `place`.
+    fn loops_around(&self, place: Place) -> usize {
         let first = self.first_loop();
-        while self.loops.len() > first {
-            let last = &self.loops[self.loops.len() - 1];
-            if (last.start..=last.end.end).contains(&place) {
-                return;
-            }
-            self.loops.pop();
-        }
+        let holds = |open: &Loop| (open.start..=open.end.end).contains(&place);
+        self.loops[first..]
+            .iter()
+            .rposition(holds)
+            .map_or(first, |last| first + last + 1)
     }
 
     #[inline]
@@ -334,8 +382,12 @@ impl GcodeProgram {
                 ));
             }
         };
-        let (start, kept) = (open.start, open.start_kept);
-        self.jumps_to(start);
+        let (start, kept, behind) = (open.start, open.start_kept, open.end.after);
+        if !self.jumps_to(start) {
+            self.loops.pop();
+            self.go_to(behind);
+            return Ok(());
+        }
         match kept {
             Some(index) => self.next_kept = Some(index),
             None => {

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use units::Millimetres;
 
 /// Reads a whole stream, from its beginning, and sums it up. Questions are answered as a machine with its switches off would: optional
-/// stops do not stop, everything else is unknown. The stream is rewound before; `schema` and `in_inches` are asked of it at the end.
+/// stops do not stop, there is no probe, and everything else is not asked. The stream is rewound before; `schema` and `in_inches` are asked of it at the end.
 pub fn inspect<P: ProgramStream>(program: &mut P, schema: &str, in_inches: impl FnOnce(&P) -> bool) -> Inspection {
     program.rewind();
     let mut reading = Reading::default();
@@ -18,7 +18,8 @@ pub fn inspect<P: ProgramStream>(program: &mut P, schema: &str, in_inches: impl 
         match program.next(answer.take()) {
             Next::Step(step) => reading.follow(&step),
             Next::Ask(plan::Question::OptionalStop) => answer = Some(Answer::Truth(false)),
-            Next::Ask(_) => answer = Some(Answer::Unknown),
+            Next::Ask(plan::Question::Skip { .. }) => answer = Some(Answer::Unknown),
+            Next::Ask(_) => answer = Some(Answer::NotAsked),
             Next::End => break None,
             Next::Alarm(alarm) => break Some(alarm.diagnostic),
         }

@@ -280,7 +280,8 @@ fn finish(mut program: GcodeProgram, interrupts: &[u32]) -> Interpretation {
 fn of_its_own(question: &Question) -> Answer {
     match question {
         Question::OptionalStop => Answer::Truth(false),
-        Question::Condition(_) | Question::Number(_) | Question::Skip { .. } => Answer::Unknown,
+        Question::Condition(_) | Question::Number(_) => Answer::NotAsked,
+        Question::Skip { .. } => Answer::Unknown,
     }
 }
 

@@ -144,6 +144,8 @@ pub(crate) struct Interpreter {
     pub(crate) functions: VecDeque<(Origin, StepKind)>,
     /// Variables that functions write while the program runs, as far as nobody has asked for them.
     pub(crate) awaited: Vec<Awaited>,
+    /// Those of them that the machine had no value of when a cycle with a contour asked.
+    pub unknown: BTreeSet<u32>,
     workingstep_open: bool,
     pub program_name: String,
     pub program_number: u32,
@@ -163,6 +165,11 @@ pub(crate) struct Interpreter {
     pub written: BTreeSet<u32>,
     /// What the machine answered for the line being executed.
     pub answers: BTreeMap<String, f64>,
+    /// What was put last in place of answers where there is no machine.
+    pub assumed: BTreeMap<String, f64>,
+    /// How often that was a mere assumption, and whether it was since the last jump back.
+    pub assumptions: u64,
+    pub assumed_since_jump: bool,
     pub last_powered: Option<f64>,
     /// Seconds since power on at which #3001 was 0.
     pub timer_zero: f64,
@@ -275,6 +282,7 @@ impl Interpreter {
             function: None,
             functions: VecDeque::new(),
             awaited: Vec::new(),
+            unknown: BTreeSet::new(),
             workingstep_open: false,
             program_name: file.to_owned(),
             program_number: 0,
@@ -287,6 +295,9 @@ impl Interpreter {
             given: BTreeMap::new(),
             written: BTreeSet::new(),
             answers: BTreeMap::new(),
+            assumed: BTreeMap::new(),
+            assumptions: 0,
+            assumed_since_jump: false,
             last_powered: None,
             timer_zero: 0.0,
             nominal: 0.0,
@@ -331,10 +342,26 @@ impl Interpreter {
 
     /// The machine's answer for the line being executed.
     pub(crate) fn answer(&mut self, name: &str, value: f64) {
+        self.memory.changes += 1;
+        self.take_answer(name, value);
+    }
+
+    /// What is put in place of an answer where there is no machine to ask. Nothing changes by it as long as it is the same.
+    pub(crate) fn assume(&mut self, name: &str, value: f64, assumed: bool) {
+        let before = self.assumed.insert(name.to_owned(), value);
+        if before.is_some_and(|before| before.to_bits() != value.to_bits()) {
+            self.memory.changes += 1;
+        }
+        self.assumptions += u64::from(assumed);
+        // Whether an interruption comes is asked at every line, and decides about no loop.
+        self.assumed_since_jump |= assumed && name != crate::interruption::SIGNAL;
+        self.take_answer(name, value);
+    }
+
+    fn take_answer(&mut self, name: &str, value: f64) {
         if name == "EQUIPMENT_TIMER.POWERED" {
             self.last_powered = Some(value);
         }
-        self.memory.changes += 1;
         self.answers.insert(name.to_owned(), value);
         self.take_awaited(name, value);
     }

@@ -55,6 +55,8 @@ pub(crate) struct Line {
     pub program: Option<(u32, usize)>,
     /// Bytes between the parentheses of the first comment.
     pub comment: Option<(usize, usize)>,
+    /// Where the text of the first comment begins that is one of the traceability vocabulary.
+    pub function: Option<usize>,
     /// Text behind `;` was left out, from this byte on.
     pub semicolon: Option<usize>,
     /// A switch decides whether it, or a part of it, is executed; it is off.
@@ -78,6 +80,7 @@ impl Line {
             self.statement = None;
         }
         (self.sequence, self.program, self.comment, self.semicolon) = (None, None, None, None);
+        self.function = None;
         self.skippable = false;
         self.kind = Kind::Blank;
         let mut at = 0;
@@ -98,7 +101,7 @@ impl Line {
                     let Some(length) = text[at..].iter().position(|b| *b == b')') else {
                         return Err(open_comment(at));
                     };
-                    self.comment.get_or_insert((at + 1, at + length));
+                    self.take_comment(text, at + 1, at + length);
                     at += length + 1;
                 }
                 b'#' => return self.macro_statement(text, at, &reading.macros),
@@ -170,9 +173,39 @@ impl Line {
         if self.words.iter().any(|w| w.letter != b'N') {
             return Err(mixed(at));
         }
-        self.statement = Some(statement(text, at, rules, &mut self.code)?);
+        let (statement, behind) = statement(text, at, rules, &mut self.code)?;
+        // What is printed, and names, may hold any characters; elsewhere a bracket begins a comment, in the middle of an expression too.
+        let from = match statement {
+            Statement::Print { .. } | Statement::SetNames { .. } => behind,
+            _ => at,
+        };
+        self.take_comments(text, from, text.len());
+        self.statement = Some(statement);
         self.kind = Kind::Statement;
         Ok(())
+    }
+
+    /// The comments of a part of the line, up to a semicolon.
+    fn take_comments(&mut self, text: &[u8], from: usize, end: usize) {
+        let mut at = from;
+        while let Some(open) = text[at..end].iter().position(|b| matches!(b, b'(' | b';')) {
+            let open = at + open;
+            let length = text[open..end].iter().position(|b| *b == b')');
+            let Some(length) = length.filter(|_| text[open] == b'(') else {
+                return;
+            };
+            self.take_comment(text, open + 1, open + length);
+            at = open + length + 1;
+        }
+    }
+
+    /// The bytes between the parentheses of a comment.
+    fn take_comment(&mut self, text: &[u8], from: usize, to: usize) {
+        self.comment.get_or_insert((from, to));
+        let word = text[from..to].trim_ascii_start().get(..6);
+        if self.function.is_none() && word.is_some_and(|word| word.eq_ignore_ascii_case(b"trace:")) {
+            self.function = Some(from);
+        }
     }
 
     /// Reads the word whose letter is at `at`, and gives the byte behind it.
@@ -217,6 +250,7 @@ impl Line {
                 let mut parser = Parser::new(text, next, rules, &mut self.code);
                 let expression = parser.word_value()?;
                 let end = parser.at;
+                self.take_comments(text, next, end);
                 (Source::Expression(expression), false, end)
             }
             Some(c) if c.is_ascii_alphabetic() => return Err(no_keyword(text, at)),

@@ -4,6 +4,7 @@ mod again;
 mod contour;
 
 use crate::acting::{Act, act};
+use crate::awaited::number_of;
 use crate::block::Block;
 use crate::evaluate::Stack;
 use crate::expression::DEEPEST_STACK;
@@ -131,6 +132,10 @@ pub struct GcodeProgram {
     pub(crate) here: Here,
     /// It waits for an answer and is executed again.
     pub(crate) again: Option<Raw>,
+    /// The line executed next is one that waited for an answer.
+    waits: bool,
+    /// The program is over; before its end is told, answers are waited for.
+    ending: bool,
     pub(crate) repetition: Repetition,
     /// Programs that were called before.
     pub(crate) called: BTreeSet<(usize, u64)>,
@@ -214,6 +219,8 @@ impl GcodeProgram {
             keep_until: 0,
             here: Here::default(),
             again: None,
+            waits: false,
+            ending: false,
             repetition: Repetition::default(),
             called: BTreeSet::new(),
             resolver,
@@ -323,9 +330,16 @@ impl GcodeProgram {
                 self.interpreter.answer(name, value);
                 None
             }
-            (Question::Number(name), Answer::Unknown | Answer::NotAsked) => {
+            (Question::Number(name), Answer::Unknown | Answer::Number(None)) if number_of(name).is_some() => {
+                self.unknown_variable(name);
+                None
+            }
+            (Question::Number(name), answer @ (Answer::Unknown | Answer::NotAsked)) => {
                 let (value, assumed) = self.interpreter.own_count(name);
-                self.interpreter.answer(name, value);
+                match answer {
+                    Answer::NotAsked => self.interpreter.assume(name, value, assumed),
+                    _ => self.interpreter.answer(name, value),
+                }
                 let (severity, code) = match assumed {
                     true => (Severity::Warning, "answer-assumed"),
                     false => (Severity::Remark, "own-count"),
@@ -334,7 +348,7 @@ impl GcodeProgram {
                     text: b"",
                     number: self.here.number,
                 };
-                let of_a_function = crate::awaited::number_of(name).is_some();
+                let of_a_function = number_of(name).is_some();
                 self.interpreter.note(severity, code, site, 0, || match assumed {
                     true if of_a_function => (
                         format!("a function writes {name} while the program runs: here it keeps what it held"),
@@ -366,6 +380,41 @@ impl GcodeProgram {
         }
     }
 
+    /// The machine has no value of a variable that a function writes. To go on with what it held would be to cut with it; but a program
+    /// that only keeps it comes to its end.
+    fn unknown_variable(&mut self, name: &str) {
+        let line = match self.next_kept {
+            Some(index) => &self.kept.get(index).line,
+            None => &self.line,
+        };
+        let number = self.here.number;
+        if self.interpreter.unknown_in_contour(name, line) {
+            return;
+        }
+        if self
+            .interpreter
+            .may_stay_unknown(name, if self.ending { None } else { Some(line) })
+        {
+            let (value, _) = self.interpreter.own_count(name);
+            self.interpreter.answer(name, value);
+            let site = Site { text: b"", number };
+            return self.interpreter.note(Severity::Warning, "variable-kept", site, 0, || {
+                (
+                    format!("the machine has no value of {name}, which a function writes: it keeps what it held"),
+                    "do not let the next program rely on it".to_owned(),
+                )
+            });
+        }
+        let diagnostic = Diagnostic::error(
+            "no-answer",
+            format!("the machine has no value of {name}: the function that writes it was not done yet, or could not measure"),
+        )
+        .in_file(self.files[self.current].name.clone())
+        .at_line(number, 1)
+        .remedy("read it by a function of its own before, and see in the log why that has no value");
+        self.alarm = Some(diagnostic.into());
+    }
+
     /// A fault that a cycle met while it was told is an alarm of the cycle's line.
     fn raise_late_fault(&mut self) {
         let Some(fault) = self.interpreter.compensation.fault.take() else {
@@ -382,9 +431,13 @@ impl GcodeProgram {
 
     /// Reads and executes one line.
     fn advance(&mut self) {
+        if std::mem::take(&mut self.ending) {
+            return self.end_program();
+        }
         if let Some(index) = self.next_kept {
             return self.go_through_kept(index);
         }
+        self.waits = false;
         let waited = self.again.take();
         let raw = match waited {
             Some(raw) => raw,
@@ -428,7 +481,7 @@ impl GcodeProgram {
         match self.line.kind {
             Kind::Blank => {
                 self.block.comment = self.line.comment;
-                self.interpreter.comment_line(&self.block, site);
+                self.interpreter.comment_line(&self.block, self.line.function, site);
                 return self.keep_line(raw);
             }
             Kind::TapeMark if self.at_start => return,
@@ -505,6 +558,7 @@ impl GcodeProgram {
     pub(crate) fn wait_for(&mut self, question: Question) {
         self.interpreter.settle();
         self.raise_late_fault();
+        self.waits = true;
         self.interpreter.push(Item::Ask(self.interpreter.origin, question));
     }
 
@@ -556,6 +610,15 @@ impl GcodeProgram {
         self.interpreter.note(Severity::Warning, "no-program-end", site, 0, || {
             ("the program ends without M30 or M2".to_owned(), "end it with M30".to_owned())
         });
+        self.end_program();
+    }
+
+    /// The main program is over where no M30 asked for what has to be known then.
+    pub(crate) fn end_program(&mut self) {
+        if let Some(question) = self.interpreter.kept_to_ask() {
+            self.ending = true;
+            return self.wait_for(question);
+        }
         self.interpreter.finish();
         self.ended = true;
     }
@@ -595,6 +658,7 @@ impl ProgramStream for GcodeProgram {
                 continue;
             }
             if let Some(alarm) = &self.alarm {
+                self.interpreter.say_kept(self.here.number);
                 return Next::Alarm(alarm.clone());
             }
             if self.ended {
@@ -614,6 +678,7 @@ impl ProgramStream for GcodeProgram {
         (self.current, self.last_step, self.blocks_at_rest, self.keep_until) = (0, 0, 0, 0);
         (self.asked, self.alarm, self.again, self.next_kept) = (None, None, None, None);
         (self.ended, self.at_start, self.any_block) = (false, true, false);
+        (self.waits, self.ending) = (false, false);
         self.body = self.start;
         self.files[0].lines.seek(self.start.offset, self.start.lines);
     }

@@ -137,12 +137,14 @@ pub(crate) fn no_keyword(text: &[u8], at: usize) -> Box<Fault> {
     )
 }
 
-/// Reads the statement that begins at `at`: at its `#`, its `[#`, or its keyword. Nothing but comments may follow.
-pub(crate) fn statement(text: &[u8], at: usize, rules: &MacroRules, code: &mut Code) -> Outcome<Statement> {
+/// Reads the statement that begins at `at`: at its `#`, its `[#`, or its keyword; gives the byte behind it too. Nothing but comments may
+/// follow.
+pub(crate) fn statement(text: &[u8], at: usize, rules: &MacroRules, code: &mut Code) -> Outcome<(Statement, usize)> {
     let mut parser = Parser::new(text, at, rules, code);
     let statement = parser.statement(false)?;
-    check_behind(text, parser.at)?;
-    Ok(statement)
+    let behind = parser.at;
+    check_behind(text, behind)?;
+    Ok((statement, behind))
 }
 
 impl Parser<'_> {

@@ -38,6 +38,10 @@ impl Variables for Interpreter {
         self.system_variable(number)
     }
 
+    fn known(&self, number: u32) -> Result<(), Refusal> {
+        self.asks_for(number)
+    }
+
     fn named(&self, name: &str) -> Option<u32> {
         self.names
             .iter()
@@ -72,14 +76,18 @@ impl Interpreter {
     /// Carries out `#i = value`; `end` is the byte behind the `=`.
     pub(crate) fn assign(&mut self, variable: u32, value: f64, at: usize, end: usize, site: Site<'_>) -> Outcome<()> {
         if self.memory.has(variable) {
-            self.await_no_more(variable);
+            self.await_no_more(variable, at)?;
             self.memory.put(variable, value, self.origin);
             return Ok(());
         }
         self.memory.changes += 1;
         self.note_read_ahead(variable, at, site);
         match variable {
-            3000 if self.macros.fanuc_ranges => Err(self.macro_alarm(plain(value), end, site)),
+            // The program is over with it: what is kept has to be known first.
+            3000 if self.macros.fanuc_ranges => Err(match self.kept_to_ask() {
+                Some(question) => Refusal::asks(question).at(at),
+                None => self.macro_alarm(plain(value), end, site),
+            }),
             3006 if self.macros.fanuc_ranges => {
                 let message = comment_behind(site.text, end);
                 if self.options.trace {

@@ -83,7 +83,7 @@ impl<S: ProgramStream> StructuredProgram for Interpreted<S> {
                         };
                         return Err(self.refused("asks-machine", what));
                     }
-                    self.reply = Some(Answer::Unknown);
+                    self.reply = Some(Answer::NotAsked);
                 }
                 Next::End => return Ok(None),
                 Next::Alarm(alarm) => return Err(Box::new(alarm)),

@@ -91,3 +91,12 @@ fn a_coordinate_between_two_increments_does_not_depend_on_the_machine() {
         post_gcode(program, "fanuc-mill", control.name()).unwrap_or_else(|e| panic!("{e}"));
     }
 }
+
+#[test]
+fn what_a_function_would_read_is_posted_as_it_is_without_a_machine() {
+    let text = "O1\nG21 G90 G54\nT1 M6\n#100=2.\n(trace:1 get_feedrate its_variable=#100)\nG0 X#100\nM30";
+    let (posted, _) = post_gcode_with(text, "fanuc-mill", "fanuc", true).expect("it is posted");
+    assert!(posted.lines().any(|line| line.contains("X2.")), "{posted}");
+    let refused = post_gcode_with(text, "fanuc-mill", "fanuc", false).expect_err("the machine would be asked");
+    assert!(refused.contains("#100"), "{refused}");
+}

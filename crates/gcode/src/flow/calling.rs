@@ -186,15 +186,17 @@ impl GcodeProgram {
                     "end it with M30 where it shall stop".to_owned(),
                 )
             });
-            self.interpreter.finish();
-            self.ended = true;
+            self.end_program();
             return Ok(());
         }
         match to {
             None => {
                 self.repetition.pass = changes;
                 self.loops.clear();
-                self.jumps_to(self.start);
+                if !self.jumps_to(self.start) {
+                    self.end_program();
+                    return Ok(());
+                }
                 self.at_start = true;
                 self.go_to(self.start);
                 Ok(())
@@ -209,8 +211,11 @@ impl GcodeProgram {
                         "write it at the head of the block to go to",
                     ));
                 };
+                if !self.jumps_to(place) {
+                    self.go_to(self.here.after);
+                    return Ok(());
+                }
                 self.leave_loops(place);
-                self.jumps_to(place);
                 self.go_to(place);
                 Ok(())
             }

@@ -73,16 +73,20 @@ impl Interpreter {
     }
 
     /// Takes note of a line that holds only a comment, or nothing.
-    pub(crate) fn comment_line(&mut self, block: &Block, site: Site<'_>) {
+    pub(crate) fn comment_line(&mut self, block: &Block, function: Option<usize>, site: Site<'_>) {
         const MOST: usize = 8;
         let Some((start, end)) = block.comment else {
             self.tell_function();
             return;
         };
-        if self.take_function(start, site, true) {
-            return;
+        match function {
+            Some(function) if self.take_function(function, site, true) => {
+                if function == start {
+                    return;
+                }
+            }
+            _ => self.tell_function(),
         }
-        self.tell_function();
         if self.show_message(block, site) {
             return;
         }
@@ -118,26 +122,22 @@ impl Interpreter {
     pub(crate) fn take_functions(&mut self, line: &Line, site: Site<'_>) {
         let own_block = line.statement.is_none() && line.program.is_none() && line.words.iter().all(|word| word.letter == b'N');
         if own_block
-            && let Some((start, _)) = line.comment
+            && let Some(start) = line.function
             && self.take_function(start, site, true)
         {
             return;
         }
         self.tell_function();
-        if let Some((start, _)) = line.comment
+        if let Some(start) = line.function
             && self.take_function(start, site, false)
         {
             self.tell_function();
         }
     }
 
-    /// Takes a function of the traceability vocabulary out of the comments of a line; `start` is behind the bracket of the first. False
-    /// when they say nothing to it. What goes on in the next line is waited for: [`Interpreter::tell_function`].
+    /// Takes functions of the traceability vocabulary out of the comments of a line; `start` is behind the bracket of the first one of
+    /// them. False when none says anything. What goes on in the next line is waited for: [`Interpreter::tell_function`].
     fn take_function(&mut self, start: usize, site: Site<'_>, own_block: bool) -> bool {
-        let begins = site.text[start..].trim_ascii_start();
-        if !begins.get(..6).is_some_and(|b| b.eq_ignore_ascii_case(b"trace:")) {
-            return false;
-        }
         let mut any = false;
         for comment in site.text[start - 1..].split(|b| *b == b'(').skip(1) {
             let inner = comment.split(|b| *b == b')').next().unwrap_or_default();
@@ -163,7 +163,8 @@ impl Interpreter {
                     if !own_block {
                         self.note(Severity::Warning, "trace-block", site, at, || {
                             (
-                                "a function stands in a block with words; it takes effect before the block".to_owned(),
+                                "a function stands in a block with words or a macro statement; it takes effect before the block"
+                                    .to_owned(),
                                 "give it a block of its own".to_owned(),
                             )
                         });

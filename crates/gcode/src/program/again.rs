@@ -10,6 +10,8 @@ impl GcodeProgram {
     /// Executes kept lines one behind the other until one says something, or the next one has to be read.
     pub(super) fn go_through_kept(&mut self, first: u32) {
         let mut index = first;
+        // A line that waited is executed once more; what stands in its comments was taken before.
+        let mut waited = std::mem::take(&mut self.waits);
         loop {
             let kept = self.kept.get(index);
             self.here = kept.here;
@@ -21,7 +23,7 @@ impl GcodeProgram {
             let result = match kept.line.kind {
                 Kind::Blank => {
                     self.block.comment = kept.line.comment;
-                    self.interpreter.comment_line(&self.block, site);
+                    self.interpreter.comment_line(&self.block, kept.line.function, site);
                     Ok(Act::Flow(Flow::NextBlock))
                 }
                 _ => {
@@ -32,7 +34,9 @@ impl GcodeProgram {
                         self.interpreter.program_number = number;
                     }
                     self.at_start = false;
-                    self.interpreter.take_functions(&kept.line, site);
+                    if !waited {
+                        self.interpreter.take_functions(&kept.line, site);
+                    }
                     let result = act(&mut self.interpreter, &mut self.block, &kept.line, site, &mut self.stack);
                     self.count_block();
                     result
@@ -51,12 +55,14 @@ impl GcodeProgram {
                     }
                 }
                 Ok(Act::EndDo { label, at }) => {
+                    self.interpreter.forget_answers();
                     if let Err(fault) = self.end_loop(label, at) {
                         self.follow_kept(index, Err(fault));
                     }
                 }
                 other => self.follow_kept(index, other),
             }
+            waited = false;
             match self.next_kept {
                 Some(next) if self.interpreter.has_said_nothing() && self.alarm.is_none() && !self.ended => index = next,
                 _ => return,

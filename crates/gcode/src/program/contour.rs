@@ -1,10 +1,11 @@
 //! Reading a contour for G70 to G73: the blocks from N(P) to N(Q) of the program being executed, wherever they stand in it.
 
 use super::{GcodeProgram, Kind, Line};
+use crate::awaited::no_answer_in_contour;
 use crate::cycles::roughing::{Contour, ContourCycle, ContourRequest, not_found};
 use crate::fault::{Fault, Outcome, Site};
 use crate::listing::Place;
-use plan::Alarm;
+use plan::{Alarm, Question};
 
 impl GcodeProgram {
     /// Reads the contour that a cycle asks for, begins the cycle, and goes on behind what was read.
@@ -68,12 +69,17 @@ impl GcodeProgram {
             };
             let read = line.read(site.text, &self.reading).and_then(|()| {
                 let interpreter = &self.interpreter;
+                interpreter.unknown_to_contour(&line)?;
                 self.block.fill(&line, &interpreter.macros, interpreter, &mut self.stack)
+            });
+            let read = read.map_err(|fault| match &fault.ask {
+                Some(Question::Number(name)) => no_answer_in_contour(name),
+                _ => fault,
             });
             let result = match line.kind {
                 _ if read.is_err() => read,
-                _ if begins_function(&line, site.text) => Err(Fault::new(
-                    line.comment.map_or(0, |(start, _)| start),
+                _ if line.function.is_some() => Err(Fault::new(
+                    line.function.unwrap_or_default(),
                     0,
                     "T-12",
                     "a function stands inside the contour of a cycle",
@@ -102,11 +108,4 @@ impl GcodeProgram {
             }
         }
     }
-}
-
-/// True when a comment of the line is one of the vocabulary.
-fn begins_function(line: &Line, text: &[u8]) -> bool {
-    let Some((start, _)) = line.comment else { return false };
-    let word = text[start..].trim_ascii_start().get(..6);
-    word.is_some_and(|word| word.eq_ignore_ascii_case(b"trace:"))
 }
