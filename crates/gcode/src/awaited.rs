@@ -79,11 +79,14 @@ impl Interpreter {
         self.awaited.iter().any(|a| a.number == number && a.action.is_some())
     }
 
-    /// The present values of the variables that a line names, for its record. A condition is no record.
+    /// The present values of the variables that a line names, for its record. Of an action those that it writes: they hold them until it is
+    /// done for the first time.
     pub(crate) fn present_values(&self, line: &str) -> BTreeMap<String, String> {
-        if is_action(line) {
-            return BTreeMap::new();
-        }
+        let of_action = is_action(line).then(|| written(line));
+        let is_wanted = |number: u32| {
+            let Some(written) = &of_action else { return true };
+            written.iter().any(|written| number_of(&written.name) == Some(number))
+        };
         let numbers = line.match_indices('#').filter_map(|(at, _)| {
             let digits = &line[at..];
             let end = digits[1..]
@@ -92,7 +95,7 @@ impl Interpreter {
             number_of(&digits[..end])
         });
         numbers
-            .filter(|number| self.memory.has(*number) && !self.awaited.iter().any(|a| a.number == *number))
+            .filter(|number| is_wanted(*number) && self.memory.has(*number) && !self.awaited.iter().any(|a| a.number == *number))
             .filter_map(|number| Some((number, self.memory.values().get(number as usize).copied()?)))
             .filter(|(_, value)| !value.is_nan())
             .map(|(number, value)| (format!("{}#{number}", RawNcFunction::VARIABLE), value.to_string()))

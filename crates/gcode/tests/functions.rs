@@ -280,7 +280,7 @@ fn action(variable: &str) -> String {
 
 #[test]
 fn a_line_that_assigns_to_what_an_action_writes_is_refused() {
-    let starts = "start_synchronized_action";
+    let starts = "start_synchronized_action variable #100=0";
     for line in ["#100=0", "IF [1 EQ 1] THEN #100=0", "#[99+1]=0"] {
         let text = format!("O1\nG21 G54\n#100=0\n{}\nG0 X5.\n{line}\nM30", action("#100"));
         let expected = [starts, "x5", "alarm T-06 7"];
@@ -408,7 +408,7 @@ fn a_loop_that_counts_goes_round_as_often_as_it_says_although_values_are_assumed
         "O1\nG21 G54\n#100=3.\n{}\nWHILE [#1 LT 500] DO1\nG0 X[#1+#100]\n#1=#1+1\nEND1\nM30",
         action("#100")
     );
-    let mut expected = vec!["start_synchronized_action".to_owned()];
+    let mut expected = vec!["start_synchronized_action variable #100=3".to_owned()];
     for pass in 0..500 {
         expected.extend(["Number(\"#100\")".to_owned(), format!("x{}", pass + 3)]);
     }
@@ -557,4 +557,42 @@ fn a_check_goes_once_through_a_program_that_begins_anew() {
         Answer::NotAsked,
         &["start_synchronized_action", "Number(\"#100\")", "x1"],
     );
+}
+
+#[test]
+fn a_program_in_inches_is_warned_of_lengths_that_it_gets_in_millimetres() {
+    let of = |units: &str, function: &str| -> Vec<String> {
+        let text = format!("O1\n{units} G54\nG0 X1.\n{function}\nX2.\nM30");
+        let mut program = open_with(text.as_bytes(), "fanuc-mill", mill_tables(), Options::default()).expect("opens");
+        let _ = run(&mut program);
+        let inches = program.diagnostics().iter().filter(|d| d.code == "trace-inches");
+        inches.map(|d| format!("{}:{}", d.line, d.column)).collect()
+    };
+    let reads = "(trace:1 get_encoder_position its_axis=X its_variable=#100)";
+    assert_eq!(of("G20", reads), ["4:2"]);
+    assert_eq!(of("G21", reads), Vec::<String>::new());
+    assert_eq!(of("G20", "(trace:1 get_time its_variable=#100)"), Vec::<String>::new());
+    assert_eq!(of("G20", "(trace:1 log_tool_data)"), Vec::<String>::new());
+    let continued = "(trace:1 get_encoder_position its_axis=X)\n(trace:+ its_variable=#100)";
+    assert_eq!(of("G20", continued), ["5:2"], "once, where it is named");
+}
+
+#[test]
+fn an_action_takes_with_it_what_its_variable_holds_until_it_is_done() {
+    let action = "(trace:1 start_synchronized_action its_id=1 its_mode_scope=AUTOMATIC its_frequency=WHEN its_condition=\"X.LOAD > 5 %\")\n\
+                  (trace:+ its_actions=\"get_drive_load its_axis=X its_variable=#100\")";
+    let text = format!("O1\nG21 G54\n#100=7.\n#101=8.\n{action}\nG0 X1.\nM30");
+    let mut program = open_with(text.as_bytes(), "fanuc-mill", mill_tables(), Options::default()).expect("opens");
+    let (steps, _) = run(&mut program);
+    let function = steps.iter().find_map(|step| match &step.kind {
+        StepKind::NcFunction(function) => Some(function),
+        _ => None,
+    });
+    let properties: Vec<(&str, &str)> = function
+        .expect("the action")
+        .properties
+        .iter()
+        .map(|(k, v)| (k.as_str(), v.as_str()))
+        .collect();
+    assert_eq!(properties, [("variable #100", "7")]);
 }

@@ -46,7 +46,9 @@ fn with_condition(raw: &RawNcFunction) -> Result<Function, Box<Diagnostic>> {
     }
     let value = |name: &str| -> Option<f64> {
         let value = raw.properties.get(&format!("{}{name}", RawNcFunction::VARIABLE))?;
-        (meaning(name) == Meaning::Unknown).then(|| value.parse().ok())?
+        // A variable of G-code changes while the action runs: it may not stand in a condition, whatever it holds now.
+        let is_constant = meaning(name) == Meaning::Unknown && !name.starts_with('#');
+        is_constant.then(|| value.parse().ok())?
     };
     if raw.properties.keys().any(|name| name.starts_with(RawNcFunction::VARIABLE)) {
         function = function.with_changed_condition(|condition| {

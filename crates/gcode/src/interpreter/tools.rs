@@ -169,12 +169,17 @@ impl Interpreter {
                             )
                         });
                     }
+                    self.say_of_inches(&line, "", site, at);
                     self.function = Some((self.origin, line));
                 }
                 Comment::GoesOn(more) => {
                     any = true;
-                    match &mut self.function {
-                        Some((_, line)) => *line = plan::comment::joined(line, &more),
+                    match self.function.take() {
+                        Some((origin, line)) => {
+                            let whole = plan::comment::joined(&line, &more);
+                            self.say_of_inches(&whole, &line, site, at);
+                            self.function = Some((origin, whole));
+                        }
                         None => self.note(Severity::Warning, "trace-continuation", site, at, || {
                             (
                                 "(trace:+ goes on with a function that did not begin".to_owned(),
@@ -186,6 +191,25 @@ impl Interpreter {
             }
         }
         any
+    }
+
+    /// What a function writes is in the units of records, and the program may count in others. `before`: what of the line was looked at.
+    fn say_of_inches(&mut self, line: &str, before: &str, site: Site<'_>, at: usize) {
+        let is_of_time = |name: &str| {
+            ["get_time", "get_execution_time"]
+                .iter()
+                .any(|t| name.eq_ignore_ascii_case(t))
+        };
+        let writes = |line: &str| !plan::written::written(line).is_empty();
+        if !self.inches || !writes(line) || writes(before) || line.split_whitespace().nth(1).is_some_and(is_of_time) {
+            return;
+        }
+        self.note(Severity::Warning, "trace-inches", site, at, || {
+            (
+                "its_variable gets lengths in mm and speeds in mm/s, and the program counts inches here".to_owned(),
+                "divide by 25.4 where it is used".to_owned(),
+            )
+        });
     }
 
     /// Says the function that was read: nothing that follows belongs to it.
