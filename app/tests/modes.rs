@@ -290,7 +290,7 @@ fn an_action_in_all_modes_lives_on_in_the_controller_until_somebody_of_level_4_e
     // Nothing is left to be ended, and that is no fault.
     assert!(
         shop.good(&args.iter().map(String::as_str).collect::<Vec<_>>())
-            .contains("no synchronized action lives")
+            .contains("nothing was ended: no synchronized action in all modes lives")
     );
     refused(end(&number, "Four"), 2, &["none of all modes lives there"]);
 
