@@ -70,20 +70,27 @@ impl Shop {
             .for_each(|why| assert!(words(&done).contains(why), "{why}: {}", words(&done)));
     }
 
-    /// A run of the program by somebody of level 5, begun again where only the shared computer has ended it.
+    /// The words of a run of the program by somebody of level 5.
+    fn run_words<'a>(&'a self, address: &'a str) -> [&'a str; 9] {
+        let (program, machine) = (&self.program, &self.machine);
+        [
+            "run",
+            program,
+            "--machine",
+            address,
+            "--machine-file",
+            machine,
+            "--operator",
+            "Five",
+            "--json",
+        ]
+    }
+
+    /// That run, begun again where only the shared computer has ended it.
     fn run(&self, address: &str) -> (Value, String) {
+        let before = self.living(address).len();
         for _ in 0..6 {
-            let args = [
-                "run",
-                &self.program,
-                "--machine",
-                address,
-                "--machine-file",
-                &self.machine,
-                "--operator",
-                "Five",
-                "--json",
-            ];
+            let args = self.run_words(address);
             let done = toolmark(&args, &self.data).output().expect("it runs");
             let answer: Value = serde_json::from_slice(&done.stdout).unwrap_or_else(|e| panic!("{e}: {}", words(&done)));
             if !was_late(&answer) {
@@ -91,10 +98,11 @@ impl Shop {
                 return (answer, words(&done));
             }
             println!("the computer was away: {}", answer["text"]);
-            // What that run has left would stand in the way of the next one.
-            let own = self.living(address).pop().expect("it was started last");
-            let number = own["number"].to_string();
-            self.good(&["trace", "end", &number, "--machine", address, "--operator", "Four"]);
+            // What that run has left would stand in the way of the next one; it may have been ended before it started anything.
+            for own in self.living(address).split_off(before) {
+                let number = own["number"].to_string();
+                self.good(&["trace", "end", &number, "--machine", address, "--operator", "Four"]);
+            }
         }
         panic!("the computer was away in six runs");
     }
@@ -200,16 +208,7 @@ fn an_action_in_all_modes_lives_on_in_the_controller_until_somebody_of_level_4_e
     pad.press(false);
 
     // The same id is taken while it lives: nothing moves.
-    let again = [
-        "run",
-        &shop.program,
-        "--machine",
-        &at,
-        "--machine-file",
-        &shop.machine,
-        "--operator",
-        "Five",
-    ];
+    let again = shop.run_words(&at);
     let end_it = format!("toolmark trace end {number}");
     shop.refused(
         &again,
@@ -357,18 +356,7 @@ fn a_run_records_that_its_action_was_ended_while_it_was_under_way() {
     let controller = Controller::begin(&shop.machine, &[], &other);
     let at = controller.address.clone();
     for _ in 0..6 {
-        let args = [
-            "run",
-            &shop.program,
-            "--machine",
-            &at,
-            "--machine-file",
-            &shop.machine,
-            "--operator",
-            "Five",
-            "--json",
-        ];
-        let run = toolmark(&args, &shop.data)
+        let run = toolmark(&shop.run_words(&at), &shop.data)
             .stdout(std::process::Stdio::piped())
             .spawn()
             .expect("it begins");

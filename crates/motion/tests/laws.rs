@@ -1,7 +1,5 @@
 //! What holds for every program: limits, tolerance, end point, order.
 
-#![allow(clippy::disallowed_methods, reason = "the count of the long run comes from the environment")]
-
 mod support;
 
 use motion::{Limits, Output};

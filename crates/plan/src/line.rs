@@ -8,6 +8,12 @@ pub fn is_line(text: &str) -> bool {
     text.get(..6).is_some_and(|start| start.eq_ignore_ascii_case("trace:")) && !text[6..].starts_with('+')
 }
 
+/// True for the name of a variable that is bound to a sensor or a value of the machine (`sensor:...`, `trace:...`): nobody writes it.
+pub fn is_of_the_machine(variable: &str) -> bool {
+    let small = variable.trim_start().to_ascii_lowercase();
+    small.starts_with("sensor:") || small.starts_with("trace:")
+}
+
 /// The lines that stand along a path.
 ///
 /// A line is the name of a condition, or its mode; several of one name come joined by commas.

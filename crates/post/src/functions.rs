@@ -117,7 +117,7 @@ pub(crate) struct Tracing {
     checks: BTreeMap<String, Check>,
     /// Recordings and actions that the control itself does, by kind and id, with the number of workplans that were open at their start.
     native: BTreeMap<String, (Function, usize)>,
-    /// Recordings along the present path.
+    /// What stops the recordings and actions along the present path: lines of functions.
     along_path: Vec<String>,
     /// How many checks were begun.
     counted: u32,

@@ -1,4 +1,4 @@
-//! What holds on one way of a branch only is not taken for granted on the other, nor where ways meet.
+//! What holds on one way of a branch only is not taken for granted on the other, nor where ways meet; what stands along a path ends with it.
 
 use plan::flow::{Flow, Part, StructuredProgram};
 use plan::{Alarm, Diagnostic, Expression, FileId, Level, Marker, Origin, PathMode, Place, RawNcFunction, Step, StepKind};
@@ -165,4 +165,38 @@ fn what_begins_on_one_way_and_ends_on_another_is_left_to_a_recorder() {
         ];
         grades(control.name(), &parts, &[External, External]);
     }
+}
+
+#[test]
+fn recordings_and_actions_along_a_path_end_with_it_several_lines_in_one_property_too() {
+    let lines = "trace:1 start_sensor_recording its_function_id=R its_sensors=X.LOAD,\
+                 trace:1 start_synchronized_action its_id=A its_mode_scope=AUTOMATIC its_frequency=WHENEVER \
+                 its_condition=\"X.LOAD > 80 %\" its_actions=\"set_alarm its_alarm_id=3 its_text=high\"";
+    let along = step(StepKind::NcFunction(RawNcFunction {
+        condition: None,
+        kind: trace::survey::ALONG.to_owned(),
+        name: String::new(),
+        text: String::new(),
+        properties: [("one".to_owned(), lines.to_owned())].into(),
+    }));
+    let path = step(StepKind::Begin(Marker {
+        level: Level::Toolpath,
+        name: "groove".to_owned(),
+        entity: None,
+        maximum_deviation: None,
+        derived: false,
+    }));
+    let end = step(StepKind::End(Level::Toolpath));
+    let (done, text) = posted("siemens-840d", &[path, along, end]);
+    let counted = |name: &str| done.functions.iter().any(|row| row.name == name);
+    for name in [
+        "start_sensor_recording",
+        "stop_sensor_recording",
+        "start_synchronized_action",
+        "stop_synchronized_action",
+    ] {
+        assert!(counted(name), "{name}: {text}");
+    }
+    let (starts, cancels) = (text.find("WHENEVER $AA_LOAD[X]>80"), text.rfind("CANCEL("));
+    assert!(starts.is_some() && starts < cancels, "{text}");
 }

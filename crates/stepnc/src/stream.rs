@@ -29,7 +29,7 @@ mod structure;
 
 pub use structure::StructuredStream;
 
-use deciding::{EXPRESSION_REMEDY, is_of_the_machine, names, substitute, truth, writes_the_machine};
+use deciding::{EXPRESSION_REMEDY, names, substitute, truth, writes_the_machine};
 
 use crate::aim::Fault;
 use crate::curve::{Pieces, PiecesState};
@@ -38,6 +38,7 @@ use crate::model::{
     ToolpathKind,
 };
 use plan::flow::Flow;
+use plan::line::is_of_the_machine;
 use plan::tables::Missing;
 use plan::{
     Alarm, Answer, CoolantState, Diagnostic, Diagnostics, Expression, Feed, FileId, FrameChange, Level, Marker, Move, Next,

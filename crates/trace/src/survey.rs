@@ -345,11 +345,7 @@ impl Survey {
 /// Most values that a recording spreads evenly over its scope: it keeps eight times as many until it ends.
 pub const MOST_EVENLY: u32 = 100_000;
 
-/// True for the name of a variable that is bound to the machine: nobody writes it.
-pub fn is_of_the_machine(variable: &str) -> bool {
-    let small = variable.to_ascii_lowercase();
-    small.starts_with("sensor:") || small.starts_with("trace:")
-}
+pub use plan::line::is_of_the_machine;
 
 /// The streams that a function asks for: a set, so one that is named twice, by an alias too, is taken once.
 ///

@@ -22,11 +22,8 @@ impl Posting<'_, '_> {
         match level {
             Level::Toolpath => {
                 self.check_between_blocks()?;
-                for id in std::mem::take(&mut self.tracing.along_path) {
-                    let line = format!("trace:1 stop_sensor_recording its_function_id={id}");
-                    if let Ok(stop) = trace::parse(&line) {
-                        self.traced(&stop)?;
-                    }
+                for line in std::mem::take(&mut self.tracing.along_path) {
+                    self.traced(&read(&line)?)?;
                 }
                 Ok(())
             }
@@ -116,17 +113,28 @@ impl Posting<'_, '_> {
 
     /// Conditions that run along the present path.
     pub(super) fn along_path(&mut self, raw: &RawNcFunction) -> Result<(), Refusal> {
+        for line in plan::line::along(&raw.properties) {
+            let function = read(line)?;
+            let quoted = |id: &str| format!("\"{}\"", id.replace('"', "\"\""));
+            // What stands along a path ends with it.
+            self.tracing.along_path.extend(match &function.call {
+                Call::StartSensorRecording(recording) => Some(format!(
+                    "trace:1 stop_sensor_recording its_function_id={}",
+                    quoted(&recording.id.0)
+                )),
+                Call::StartSynchronizedAction(action) => {
+                    Some(format!("trace:1 stop_synchronized_action its_id={}", quoted(&action.id.0)))
+                }
+                _ => None,
+            });
+            self.traced(&function)?;
+        }
         for (name, mode) in &raw.properties {
             let line = format!("{name} {mode}");
             if trace::is_line(name) || trace::is_line(mode) {
-                let line = if trace::is_line(name) { name } else { mode };
-                let function =
-                    trace::parse(line).map_err(|found| Refusal::new("trace-line", found.to_string(), "correct the line"))?;
-                if let Call::StartSensorRecording(recording) = &function.call {
-                    self.tracing.along_path.push(recording.id.0.clone());
-                }
-                self.traced(&function)?;
-            } else if name == "trace.record" {
+                continue;
+            }
+            if name == "trace.record" {
                 let id = format!("path{}", self.sheet.own_number());
                 let every = raw.properties.get("trace.sampling").map(String::as_str).unwrap_or_default();
                 let factor: u32 = every.split_whitespace().find_map(|word| word.parse().ok()).unwrap_or(1);
@@ -137,7 +145,8 @@ impl Posting<'_, '_> {
                 );
                 match trace::parse(&line) {
                     Ok(function) => {
-                        self.tracing.along_path.push(id);
+                        let stop = format!("trace:1 stop_sensor_recording its_function_id={id}");
+                        self.tracing.along_path.push(stop);
                         self.traced(&function)?;
                     }
                     Err(found) => return Err(Refusal::new("trace-line", found.to_string(), "correct the path's condition")),
@@ -152,4 +161,9 @@ impl Posting<'_, '_> {
         }
         Ok(())
     }
+}
+
+/// What a line of a path says.
+fn read(line: &str) -> Result<Function, Refusal> {
+    trace::parse(line).map_err(|found| Refusal::new("trace-line", found.to_string(), "correct the line"))
 }

@@ -159,12 +159,6 @@ impl Walker<'_> {
 
 pub(super) const EXPRESSION_REMEDY: &str = "use comparisons and arithmetic over numbers and named variables";
 
-/// Such a name is bound to a sensor or to a value of the machine (`docs/functions.md`).
-pub(super) fn is_of_the_machine(variable: &str) -> bool {
-    let small = variable.trim_start().to_ascii_lowercase();
-    small.starts_with("sensor:") || small.starts_with("trace:")
-}
-
 pub(super) fn writes_the_machine(executable: &Executable, variable: &str) -> Fault {
     Fault::new(
         executable.id,
